@@ -1,7 +1,8 @@
 """Invariants of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
 
-Costs a walk over everything. The schemas are those of the paper's section "Design and Analysis Tools"; where the scan
-contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
+Costs a walk over everything. The schemas are those of the paper's section "Design and Analysis
+Tools"; where the scan contradicts itself (a child's constraints inside its parent's) we take what
+TCA did: children inherit.
 """
 
 from collections import Counter, defaultdict
@@ -53,31 +54,51 @@ def _is_alive(central: State, task: Task | Delivery) -> bool:
 
 
 def _check_waits(central: State) -> None:
-    """Check that blocked connections have open requests, and that a coroutine's waits are complete."""
+    """Check that blocked connections have open requests, and that a coroutine's waits are
+    complete.
+    """
     connections = central.registry.connections.values()
-    assert {one for one in connections if one.waits} == set(central.blocked), "who blocks is not who waits"
+    assert {one for one in connections if one.waits} == set(central.blocked), (
+        "who blocks is not who waits"
+    )
     for connection in central.blocked:
         for number, wait in connection.waits.items():
-            assert number in connection.outstanding, f"{connection.session} blocks for {number}, which is answered"
+            assert number in connection.outstanding, (
+                f"{connection.session} blocks for {number}, which is answered"
+            )
             others = {connection.waits.get(other) for other in wait.together}
-            assert others <= {wait}, f"{connection.session} awaits {wait.together}, of which some are answered"
+            assert others <= {wait}, (
+                f"{connection.session} awaits {wait.together}, of which some are answered"
+            )
 
 
 def _check_watches(central: State) -> None:
     """Exactly those monitors are known that watch, or are still to."""
     watches = (task.watch for task in central.tree.tasks.values() if task.watch is not None)
-    assert central.watches == {watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)}
+    assert central.watches == {
+        watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)
+    }
 
 
 def _check_state(task: Task) -> None:
-    """A living task is in a state of its life cycle that is no end, and is accepted only where a handler had it."""
+    """A living task is in a state of its life cycle that is no end, and is accepted only where a
+    handler had it.
+    """
     cycle = task.message.life_cycle
-    asked, newest = (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
+    asked, newest = (
+        (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
+    )
     assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
     assert not cycle.is_over(task.state), f"{task}: it lives, and is {task.state}"
-    assert task.serial or task.state == cycle.initial, f"{task}: it is {task.state}, and has never changed"
-    assert task.reached & START_HANDLING or task.state == cycle.initial or task.killed, f"{task}: it has no handler yet"
-    assert [one.serial for one in asked] == sorted({one.serial for one in asked}), f"{task}: the order of requests"
+    assert task.serial or task.state == cycle.initial, (
+        f"{task}: it is {task.state}, and has never changed"
+    )
+    assert task.reached & START_HANDLING or task.state == cycle.initial or task.killed, (
+        f"{task}: it has no handler yet"
+    )
+    assert [one.serial for one in asked] == sorted({one.serial for one in asked}), (
+        f"{task}: the order of requests"
+    )
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
     is_failing = task.retrying or (task.recovery is not None and task.recovery.handler is not None)
     is_asked = task.slot is not None or task.killed or is_failing
@@ -89,10 +110,14 @@ def _check_observers(central: State) -> None:
     observers, connections = central.observers, central.registry.connections.values()
     found = [one for group in observers.groups.values() for one in group]
     due = [one for connection in connections for one in connection.outstanding.values()]
-    assert {one for one in due if isinstance(one, Observation)} == set(found), "who observes is not who waits"
+    assert {one for one in due if isinstance(one, Observation)} == set(found), (
+        "who observes is not who waits"
+    )
     assert observers.count == len(found), "the number of observers"
     named = [number for one in found if (number := one.task_id or one.below)]
-    assert all(number in central.tree.tasks for number in named), "somebody observes a task that has ended"
+    assert all(number in central.tree.tasks for number in named), (
+        "somebody observes a task that has ended"
+    )
 
 
 def _check_constraints(central: State) -> None:
@@ -104,7 +129,9 @@ def _check_constraints(central: State) -> None:
         for moment, follower, its_moment, _ in task.followers or ():
             is_known = follower.parent is task.parent or task in tree.across
             assert is_known, f"{task}: nobody knows that {follower}, no sibling, waits for it"
-            assert not task.reached & moment, f"{task}: {follower} still waits for a moment that is past"
+            assert not task.reached & moment, (
+                f"{task}: {follower} still waits for a moment that is past"
+            )
             held[follower.id][its_moment] += 1
             leaders[follower.id].add((its_moment, task.id, moment))
     for timer in central.clock.pending():
@@ -112,15 +139,25 @@ def _check_constraints(central: State) -> None:
             held[timer.subject.task.id][timer.subject.moment] += 1
     for task in tree.tasks.values():
         assert held_counts(task) == dict(held[task.id]), f"{task}: held by {held_counts(task)}"
-        assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], f"{task}: leaders"
-    assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
-    assert all(one.followers for one in central.agenda.holds.ended_followers), "followers that ended are still counted"
+        assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], (
+            f"{task}: leaders"
+        )
+    assert all(tree.tasks.get(one.id) is one for one in tree.across), (
+        "an edge begins at a task that has ended"
+    )
+    assert all(one.followers for one in central.agenda.holds.ended_followers), (
+        "followers that ended are still counted"
+    )
     for number in tree.never_began:
-        assert number in central.memory.outcomes or tree.tasks[number].killed, f"task {number} is no killed one"
+        assert number in central.memory.outcomes or tree.tasks[number].killed, (
+            f"task {number} is no killed one"
+        )
 
 
 def _check_place(central: State, task: Task) -> None:
-    """Task tree schema: every node but the root has one parent, which is a node or the root; the root is no node."""
+    """Task tree schema: every node but the root has one parent, which is a node or the root; the
+    root is no node.
+    """
     parent, children = task.parent, (task.children or {}).values()
     assert task.id != ROOT, "the root is among the tasks"
     assert parent is not None, f"{task}: no parent"
@@ -128,36 +165,48 @@ def _check_place(central: State, task: Task) -> None:
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
-    assert (task.recovery.guests if task.recovery else 0) == sum(child.is_guest for child in children), (
-        f"{task}: guests"
-    )
+    assert (task.recovery.guests if task.recovery else 0) == sum(
+        child.is_guest for child in children
+    ), f"{task}: guests"
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
     assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
 
 
 def _check_family(task: Task) -> None:
-    """Starts and ends are nested: a child starts after its parent and ends before it. Killed ones just end."""
+    """Starts and ends are nested: a child starts after its parent and ends before it. Killed ones
+    just end.
+    """
     parent = task.parent
     assert parent is not None
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
     if not task.killed:
         starts = (START_PLANNING | START_ACHIEVING) if task.is_goal else START_ACHIEVING
-        assert task.ignores_parent or not task.reached & starts & ~parent.reached, f"{task}: started before its parent"
+        assert task.ignores_parent or not task.reached & starts & ~parent.reached, (
+            f"{task}: started before its parent"
+        )
         assert not parent.killed or task.role.survives, f"{task}: outlives its killed parent"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
 
 def _check_order(task: Task) -> None:
-    """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may be planned."""
+    """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may
+    be planned.
+    """
     for moment, needed in RULES[task.message.is_goal].order:
-        assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
+        assert not task.reached & moment or task.reached & needed == needed, (
+            f"{task}: {moment} too early"
+        )
     start = delivered_at(task.is_goal)
-    assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"
+    assert bool(task.reached & start) == bool(task.reached & START_HANDLING), (
+        f"{task}: started in part"
+    )
     if task.delayed and not task.killed:
         together = bool(task.reached & START_PLANNING) == bool(task.reached & START_ACHIEVING)
         assert together, f"{task}: its planning did not start with its achieving"
     for moment in held_counts(task):
-        is_past = task.reached & moment and moment != START_HANDLING  # that comes again when it is handled anew
+        is_past = (
+            task.reached & moment and moment != START_HANDLING
+        )  # that comes again when it is handled anew
         assert task.killed or not is_past, f"{task}: moment {moment} is past, and still held"
 
 
@@ -173,23 +222,32 @@ def _check_delivery(central: State, task: Task) -> None:
     if task.killed:
         return
     unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []
-    assert not unasked, f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
+    assert not unasked, (
+        f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
+    )
     if task.reached & START_HANDLING:
         watch, recovering = task.watch, task.recovery.handler if task.recovery is not None else None
         is_decided = (
             (watch is not None and watch.is_on)
             or (recovering is not None and recovering.id in central.tree.tasks)
-            or task.returned or is_attended or task.retrying or task.suspended
+            or task.returned
+            or is_attended
+            or task.retrying
+            or task.suspended
             or task.queues is not None
             or is_held(task, START_HANDLING)
-        )  # fmt: skip
+        )
         assert is_decided, f"{task}: nobody handles it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
     is_kept = task.suspended or any(is_held(task, moment) for moment in starts)
-    may_start = not is_kept and all(task.ignores_parent or parent.reached & moment for moment in starts)
-    assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
+    may_start = not is_kept and all(
+        task.ignores_parent or parent.reached & moment for moment in starts
+    )
+    assert may_start == task.requested == (task.queues is not None), (
+        f"{task}: may start, and nobody was asked"
+    )
 
 
 def _check_suspension(central: State, task: Task) -> None:
@@ -205,7 +263,9 @@ def _check_stranded(central: State) -> None:
     if all(module.handlers for module in modules if module.has_slots):
         for message in central.registry.messages.values():
             waits = [one for one in message.waiting.values() if one.role is Role.EXCEPTION]
-            assert not waits, f"{waits}: nobody handles '{message.name}', and the search does not go on"
+            assert not waits, (
+                f"{waits}: nobody handles '{message.name}', and the search does not go on"
+            )
 
 
 def _check_claims_of_tasks(central: State) -> None:
@@ -213,7 +273,9 @@ def _check_claims_of_tasks(central: State) -> None:
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
         is_there = holder.given_as in central.dispatcher.running or _is_alive(central, holder)
-        assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
+        assert is_there, (
+            f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
+        )
 
 
 def _check_resources(central: State) -> None:
@@ -224,35 +286,53 @@ def _check_resources(central: State) -> None:
         assert delivery.slot is not None, f"delivery {delivery.id}: attended by nobody"
         assert delivery.slot.resource is not None
         if not delivery.nested:
-            assert delivery.slot not in slots, f"delivery {delivery.id}: its slot handles two messages"
+            assert delivery.slot not in slots, (
+                f"delivery {delivery.id}: its slot handles two messages"
+            )
             slots.add(delivery.slot)
             attending[delivery.slot.resource] += 1
-    for resource in (one for module in central.registry.modules.values() for one in module.resources.values()):
+    for resource in (
+        one for module in central.registry.modules.values() for one in module.resources.values()
+    ):
         name = f"resource '{resource.name}' of '{resource.module}'"
-        assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
+        assert attending[resource] + resource.free == resource.capacity, (
+            f"{name}: {attending[resource]} attending"
+        )
         assert resource.slots.keys() == resource.numbers.keys(), f"{name}: slots without a number"
-        assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
+        assert resource.waiting == len({delivery.id for delivery in resource.queued()}), (
+            f"{name}: waiting"
+        )
         following = central.dispatcher.next_in(resource)
         is_message = isinstance(following, Delivery)
-        assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
+        assert following is None or (is_message and not resource.free), (
+            f"{name}: {following} waits, it could go on"
+        )
         _check_ahead(resource, name)
         _check_limits(resource, name)
         _check_claims(central, resource, name)
     for message in central.registry.messages.values():
         serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
-        assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
-        assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+        assert message.serving == serving, (
+            f"message '{message.name}': {message.serving} serving, counted {serving}"
+        )
+        assert not (message.waiting and message.handlers), (
+            f"message '{message.name}': waits for a handler it has"
+        )
         for wait in message.awaited_by:
             _check_handled_wait(wait)
 
 
 def _check_ahead(resource: ModuleResource, name: str) -> None:
-    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it back.
+    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it
+    back.
 
-    A message that has left a queue is not compared: a slot may give it back, and keep later ones that it has begun.
+    A message that has left a queue is not compared: a slot may give it back, and keep later ones
+    that it has begun.
     """
     line = [one for one in resource.in_line() if one in resource.ahead or not one.ticket]
-    assert line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling, f"{name}: order"
+    assert (
+        line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling
+    ), f"{name}: order"
     for delivery in resource.ahead:
         assert not delivery.is_task, f"{name}: {delivery} is ahead"
         assert delivery.queues == (resource,), f"{name}: {delivery} is ahead, and waits elsewhere"
@@ -262,26 +342,48 @@ def _check_ahead(resource: ModuleResource, name: str) -> None:
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
-    """While a resource is locked nobody is in it but who locked it; while it is reserved, only what its owner sent."""
-    assert resource.is_locked or not resource.called_back, f"{name}: is not locked, but slots of it wait for themselves"
+    """While a resource is locked nobody is in it but who locked it; while it is reserved, only what
+    its owner sent.
+    """
+    assert resource.is_locked or not resource.called_back, (
+        f"{name}: is not locked, but slots of it wait for themselves"
+    )
     for claim in resource.claims:
-        assert central.claims.get((claim.slot, claim.number)) is claim, f"{name}: claim {claim.id} is not known"
-        assert claim.slot.outstanding.get(claim.number) is claim, f"{name}: claim {claim.id} waits for nobody"
+        assert central.claims.get((claim.slot, claim.number)) is claim, (
+            f"{name}: claim {claim.id} is not known"
+        )
+        assert claim.slot.outstanding.get(claim.number) is claim, (
+            f"{name}: claim {claim.id} waits for nobody"
+        )
     for copy in resource.copies:
         assert copy.held_by is resource.held_by, f"{name}: its copies are held by different ones"
-        assert set(copy.claims) == set(resource.claims), f"{name}: its copies are wanted by different ones"
+        assert set(copy.claims) == set(resource.claims), (
+            f"{name}: its copies are wanted by different ones"
+        )
     if (held_by := resource.held_by) is None:
         return
-    assert central.claims.get((held_by.slot, held_by.number)) is held_by, f"{name}: held by what is not known"
-    assert central.registry.connections.get(held_by.slot.id) is held_by.slot, f"{name}: held by who has gone"
+    assert central.claims.get((held_by.slot, held_by.number)) is held_by, (
+        f"{name}: held by what is not known"
+    )
+    assert central.registry.connections.get(held_by.slot.id) is held_by.slot, (
+        f"{name}: held by who has gone"
+    )
     for delivery in central.dispatcher.running.values():
-        if delivery.slot in resource.slots and delivery.slot is not held_by.slot and not delivery.nested:
+        if (
+            delivery.slot in resource.slots
+            and delivery.slot is not held_by.slot
+            and not delivery.nested
+        ):
             is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
-            assert is_let_in, f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
+            assert is_let_in, (
+                f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
+            )
 
 
 def _check_what_lies_ahead(central: State) -> None:
-    """Whatever waits for a time or a point is about a living task, which knows it: it goes when that task ends."""
+    """Whatever waits for a time or a point is about a living task, which knows it: it goes when
+    that task ends.
+    """
     timers = set(central.clock.pending())
     for task in (central.tree.root, *central.tree.tasks.values()):
         for what, waits_for in task.plans.pending.items() if task.plans is not None else ():
@@ -292,29 +394,41 @@ def _check_what_lies_ahead(central: State) -> None:
             assert is_there, f"{task}: {what} will never happen"
         for waiter in task.waiters or ():
             if isinstance(waiter, PendingKill):
-                assert Plans.of(waiter.task).pending[waiter] is task, f"{task}: a kill waits for it that nobody knows"
+                assert Plans.of(waiter.task).pending[waiter] is task, (
+                    f"{task}: a kill waits for it that nobody knows"
+                )
             if isinstance(waiter, Watch):
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
     for timer in timers:
         due_for = getattr(timer.subject, "task", None)
-        assert due_for is None or _is_alive(central, due_for), f"{due_for}: has ended, and is due for '{timer.due}'"
+        assert due_for is None or _is_alive(central, due_for), (
+            f"{due_for}: has ended, and is due for '{timer.due}'"
+        )
 
 
 def _check_handled_wait(wait: PresenceWait) -> None:
     """Check that a module waiting for handlers is connected, and lacks one."""
     missing = [message.name for message in wait.messages if not message.serving]
-    assert wait.missing == len(missing) > 0, f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"
-    assert all(wait in message.awaited_by for message in wait.messages), "a wait is known to some of its messages"
+    assert wait.missing == len(missing) > 0, (
+        f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"
+    )
+    assert all(wait in message.awaited_by for message in wait.messages), (
+        "a wait is known to some of its messages"
+    )
     assert wait.connection.outstanding.get(wait.number) is wait, "a wait that nobody waits for"
 
 
 def _check_limits(resource: ModuleResource, name: str) -> None:
-    """Check that no more messages wait than their pending limit allows, and that it counts those that do."""
+    """Check that no more messages wait than their pending limit allows, and that it counts those
+    that do.
+    """
     for message, limit in resource.limits.items():
         queued = (delivery for delivery in resource.queued() if delivery not in resource.ahead)
         waiting = {delivery for delivery in queued if delivery.message.name == message}
-        assert limit.waiting.keys() == waiting, f"{name}: counts {len(limit.waiting)} of '{message}'"
+        assert limit.waiting.keys() == waiting, (
+            f"{name}: counts {len(limit.waiting)} of '{message}'"
+        )
         assert len(waiting) <= limit.most, f"{name}: {len(waiting)} of '{message}' wait"
 
 
@@ -322,18 +436,26 @@ def _check_connections(central: State) -> None:
     registry = central.registry
     known = {one for module in registry.modules.values() for one in module.connections.values()}
     assert known == set(registry.connections.values()), "connections without a module"
-    assert all(registry.modules.get(one.module.incarnation) is one.module for one in known), "a module that has gone"
+    assert all(registry.modules.get(one.module.incarnation) is one.module for one in known), (
+        "a module that has gone"
+    )
 
 
 def _check_kept(central: State) -> None:
-    """Check that records are of ended tasks that connected modules keep, under parents that exist."""
+    """Check that records are of ended tasks that connected modules keep, under parents that
+    exist.
+    """
     tree, kept, modules = central.tree, central.memory.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
         assert record.id not in tree.tasks, f"record {record.id}: its task lives"
-        is_there = parent is tree.root or (parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent)
+        is_there = parent is tree.root or (
+            parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent
+        )
         assert is_there, f"record {record.id}: hangs under what is gone"
-        assert record.siblings.get(record.id) is record, f"record {record.id}: its parent does not know it"
+        assert record.siblings.get(record.id) is record, (
+            f"record {record.id}: its parent does not know it"
+        )
         assert record.keeping.by, f"record {record.id}: nobody keeps it"
         assert record.keeping.by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
     promises = [(module, number) for module in modules for number in module.keeps]
@@ -341,14 +463,22 @@ def _check_kept(central: State) -> None:
         assert module in Keeping.of(kept.get(number) or tree.tasks[number]).by, (
             f"'{module.name}' keeps {number}, which does not know it"
         )
-    assert central.memory.promises == len(promises), f"{central.memory.promises} promises, counted {len(promises)}"
-    assert central.memory.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
+    assert central.memory.promises == len(promises), (
+        f"{central.memory.promises} promises, counted {len(promises)}"
+    )
+    assert central.memory.kept_bytes == sum(record.size for record in kept.values()), (
+        "size of the records"
+    )
 
 
 def _check_variables(central: State) -> None:
-    """Values belong to variables, and their size is known; of those that wait for a watcher only the newest does."""
+    """Values belong to variables, and their size is known; of those that wait for a watcher only
+    the newest does.
+    """
     held = central.variables
-    assert held.bytes == sum(len(value.body) for value in held.values.values()), f"variables hold {held.bytes} bytes?"
+    assert held.bytes == sum(len(value.body) for value in held.values.values()), (
+        f"variables hold {held.bytes} bytes?"
+    )
     for name in held.values:
         message = central.registry.messages[name]
         assert message.message_class.keeps_value, f"'{name}' has a value and is no variable"
@@ -358,12 +488,16 @@ def _check_variables(central: State) -> None:
 
 
 def _check_routes(central: State) -> None:
-    """Check that those told of a message's route, or a slot's end, are connected, and that both sides know it."""
+    """Check that those told of a message's route, or a slot's end, are connected, and that both
+    sides know it.
+    """
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
         told = {one for one in connections if message in one.routes}
-        assert message.senders_told.keys() == told, f"'{message.name}': its senders do not know its route, or are gone"
+        assert message.senders_told.keys() == told, (
+            f"'{message.name}': its senders do not know its route, or are gone"
+        )
     for slot in connections:
         watching = {one for one in connections if slot in one.watches}
         assert slot.watchers.keys() == watching, "one who is gone watches a slot, or in vain"
@@ -372,20 +506,32 @@ def _check_routes(central: State) -> None:
 
 def _check_budget(central: State) -> None:
     """What is counted as held is held."""
-    tasks, registry, running = central.tree.tasks.values(), central.registry, central.dispatcher.running.values()
+    tasks, registry, running = (
+        central.tree.tasks.values(),
+        central.registry,
+        central.dispatcher.running.values(),
+    )
     assert central.tree.bytes == sum(map(_task_size, tasks)), "bytes of tasks"
-    assert central.agenda.holds.edges == sum(len(task.followers or ()) for task in tasks), "constraints"
+    assert central.agenda.holds.edges == sum(len(task.followers or ()) for task in tasks), (
+        "constraints"
+    )
     waiters = sum(len(task.waiters or ()) for task in (*tasks, central.tree.root))
     assert central.agenda.waits == waiters, "waits for tasks"
     resources = [one for module in registry.modules.values() for one in module.resources.values()]
     queued = {one for resource in resources for one in resource.queued()}
     queued |= {one for message in registry.messages.values() for one in message.waiting.values()}
     messages = [one for one in (*running, *queued) if not isinstance(one, Task)]
-    assert central.dispatcher.bytes == sum(DELIVERY_BYTES + len(one.body) for one in messages), "bytes of messages"
+    assert central.dispatcher.bytes == sum(DELIVERY_BYTES + len(one.body) for one in messages), (
+        "bytes of messages"
+    )
     connections = [*registry.connections.values(), *registry.lost.values()]
     due = [one for connection in connections for one in connection.outstanding.values()]
-    assert central.budget.collected == sum(one.size for one in due if isinstance(one, Collector)), "failures"
-    assert central.budget.awaited == sum(one.size for one in due if isinstance(one, PresenceWait)), "presence"
+    assert central.budget.collected == sum(one.size for one in due if isinstance(one, Collector)), (
+        "failures"
+    )
+    assert central.budget.awaited == sum(
+        one.size for one in due if isinstance(one, PresenceWait)
+    ), "presence"
     types = sum(type_size(message.format) for message in registry.messages.values())
     assert registry.bytes == types + RESOURCE_BYTES * len(resources), "bytes of declarations"
     handlers = sum(len(module.handlers) for module in registry.modules.values())
@@ -399,5 +545,7 @@ def _task_size(task: Task) -> int:
     farewells = task.plans.farewells if task.plans is not None else ()
     planned = sum(DELIVERY_BYTES + len(body) for _, body in farewells)
     if task.clients is not None:
-        planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(task.clients.progress)
+        planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(
+            task.clients.progress
+        )
     return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned

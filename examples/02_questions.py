@@ -14,7 +14,12 @@ class Place:
 HEIGHT = Query("height", Place, reply=float)
 BATTERY = MultiQuery("battery", reply=float)
 
-hills, left, right, asker = Module("hills"), Module("left arm"), Module("right arm"), Module("asker")
+hills, left, right, asker = (
+    Module("hills"),
+    Module("left arm"),
+    Module("right arm"),
+    Module("asker"),
+)
 
 
 @hills.handles(HEIGHT)

@@ -1,4 +1,6 @@
-"""Planning ahead: the next row is planned while this one is mown, and never more than one row ahead."""
+"""Planning ahead: the next row is planned while this one is mown, and never more than one row
+ahead.
+"""
 
 import time
 

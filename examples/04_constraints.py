@@ -1,4 +1,6 @@
-"""Constraints between any two points: the kettle is on before the cups are laid, and tea waits for both."""
+"""Constraints between any two points: the kettle is on before the cups are laid, and tea waits for
+both.
+"""
 
 from tca_module import Command, Goal, Module, Task, this
 
@@ -14,7 +16,9 @@ def tea(task: Task) -> None:
         boil = task.command(BOIL)
         lay = task.command(LAY, constraints=[boil.handling.start <= this.handling.start])
     pour = task.command(POUR)
-    task.constrain(boil.achieving.end <= pour.achieving.start, lay.achieving.end <= pour.achieving.start)
+    task.constrain(
+        boil.achieving.end <= pour.achieving.start, lay.achieving.end <= pour.achieving.start
+    )
 
 
 @hands.handles(BOIL)

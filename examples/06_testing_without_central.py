@@ -1,4 +1,6 @@
-"""Your tests need no daemon: LocalCentral is the real core in their own process, with a clock that they step."""
+"""Your tests need no daemon: LocalCentral is the real core in their own process, with a clock that
+they step.
+"""
 
 from tca_module import Command, Goal, Module, Outcome, Task, connect
 from tca_module.testing import LocalCentral
@@ -42,7 +44,11 @@ def test_fetching_is_grasping() -> None:
 
 
 def test_without_a_hand_a_fetch_fails_after_a_minute() -> None:
-    with LocalCentral(stepped=True) as central, make_planner(central).running(), connect("test", central) as user:
+    with (
+        LocalCentral(stepped=True) as central,
+        make_planner(central).running(),
+        connect("test", central) as user,
+    ):
         fetch = user.goal(FETCH, "cup")
         central.until_quiet()
         assert central.transcript() == HAPPENED

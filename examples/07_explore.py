@@ -1,10 +1,21 @@
-"""In every order in which things can happen: the arm never reaches for the cup while the base still drives.
+"""In every order in which things can happen: the arm never reaches for the cup while the base still
+drives.
 
 ``tca explore examples/07_explore.py`` says the same.
 """
 
 from tca_module import Command, Goal
-from tca_tools.explore import Scenario, Script, Task, achieved, before, begun, explore, never_stuck, report
+from tca_tools.explore import (
+    Scenario,
+    Script,
+    Task,
+    achieved,
+    before,
+    begun,
+    explore,
+    never_stuck,
+    report,
+)
 
 FETCH, DRIVE, GRASP = Goal("fetch"), Command("drive"), Command("grasp")
 

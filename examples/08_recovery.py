@@ -1,4 +1,5 @@
-"""A task that fails, and an exception handler, in a module of its own, that lets it try again more carefully.
+"""A task that fails, and an exception handler, in a module of its own, that lets it try again more
+carefully.
 
 ::
 

@@ -1,4 +1,5 @@
-"""A goal for every cup seen, and for every cup a monitor that kills its goal when the cup is gone (Simmons 1990).
+"""A goal for every cup seen, and for every cup a monitor that kills its goal when the cup is gone
+(Simmons 1990).
 
 ::
 
@@ -13,7 +14,11 @@ import time
 
 from tca_module import Command, DemonMonitor, Goal, Module, PollingMonitor, Query, Task
 
-LOOK_FOR_CUPS, FETCH, GRASP = Command("look for cups"), Goal("fetch cup", str), Command("grasp", str)
+LOOK_FOR_CUPS, FETCH, GRASP = (
+    Command("look for cups"),
+    Goal("fetch cup", str),
+    Command("grasp", str),
+)
 IS_GONE, GIVE_UP = Query("is the cup gone", str, reply=bool), Command("give up", str)
 NEW_CUPS = DemonMonitor("new cups", set_up=LOOK_FOR_CUPS, action=FETCH)
 CUP_GONE = PollingMonitor("cup gone", str, condition=IS_GONE, action=GIVE_UP)

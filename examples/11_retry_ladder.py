@@ -1,6 +1,8 @@
-"""One recovery after the other: try again, higher each time; then another foothold; then a way round the rocks.
+"""One recovery after the other: try again, higher each time; then another foothold; then a way
+round the rocks.
 
-`maximum=` says how often an exception handler is called for one task. After that, the next one above is called.
+`maximum=` says how often an exception handler is called for one task. After that, the next one
+above is called.
 """
 
 from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Task

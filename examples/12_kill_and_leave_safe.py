@@ -1,11 +1,18 @@
-"""A task is killed from outside. Its running handler is told, not interrupted; what leaves the robot safe is done."""
+"""A task is killed from outside. Its running handler is told, not interrupted; what leaves the
+robot safe is done.
+"""
 
 import threading
 import time
 
 from tca_module import Command, Goal, Module, Task
 
-DIG, DRILL, RETRACT, DRIVE_ON = Goal("dig"), Command("drill"), Command("retract the drill"), Command("drive on")
+DIG, DRILL, RETRACT, DRIVE_ON = (
+    Goal("dig"),
+    Command("drill"),
+    Command("retract the drill"),
+    Command("drive on"),
+)
 
 planner, drill, wheels = Module("planner"), Module("drill"), Module("wheels")
 drilling = threading.Event()
@@ -26,7 +33,9 @@ def run_drill(task: Task) -> None:
     print("told to stop, stopped")
 
 
-@drill.handles(RETRACT)  # sent at once: it comes after the drilling because the drill handles one message at a time
+@drill.handles(
+    RETRACT
+)  # sent at once: it comes after the drilling because the drill handles one message at a time
 def retract(_: Task) -> None:
     print("retracted")
 

@@ -1,4 +1,6 @@
-"""A walk is suspended: the step that runs is finished, the next one keeps its place and starts when all goes on."""
+"""A walk is suspended: the step that runs is finished, the next one keeps its place and starts when
+all goes on.
+"""
 
 import threading
 import time

@@ -1,4 +1,6 @@
-"""A multi-query asks all who handle it: the replies one by one as they come, the first two, or those in time."""
+"""A multi-query asks all who handle it: the replies one by one as they come, the first two, or
+those in time.
+"""
 
 import threading
 

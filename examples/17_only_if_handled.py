@@ -1,4 +1,6 @@
-"""Send a message only if somebody handles it now: an optional part of the robot, there today or not."""
+"""Send a message only if somebody handles it now: an optional part of the robot, there today or
+not.
+"""
 
 from tca_module import Command, Module, Query, Task, connect
 

@@ -1,4 +1,6 @@
-"""Kept tasks: an exception handler sees what had been done before the failure, and undoes it in reverse."""
+"""Kept tasks: an exception handler sees what had been done before the failure, and undoes it in
+reverse.
+"""
 
 from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Recovery, Task
 

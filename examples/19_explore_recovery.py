@@ -1,10 +1,22 @@
-"""A robot's own handlers, explored: whatever goes wrong, and whenever time is over, the recovery comes to an end.
+"""A robot's own handlers, explored: whatever goes wrong, and whenever time is over, the recovery
+comes to an end.
 
-``tca explore examples/19_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules that could be run.
+``tca explore examples/19_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules
+that could be run.
 """
 
 from tca_module import Command, ExceptionHandler, Failure, Module, Task
-from tca_tools.explore import Scenario, Script, at_most_in_all, explore, failed, never, never_stuck, report, retried
+from tca_tools.explore import (
+    Scenario,
+    Script,
+    at_most_in_all,
+    explore,
+    failed,
+    never,
+    never_stuck,
+    report,
+    retried,
+)
 
 LIFT, COLLISION = Command("lift leg", int), Failure("collision", int)
 HIGHER: ExceptionHandler[int | None] = ExceptionHandler("lift it higher", int | None)
@@ -28,7 +40,9 @@ def higher(task: Task, height: int | None) -> None:
 
 def lifting(title: str, height: int) -> Scenario:
     """Two retries must be enough, unless five seconds are over before."""
-    scenario = Scenario(title, at_most_in_all(2, retried(LIFT)), never(failed(LIFT, height + 40)), never_stuck())
+    scenario = Scenario(
+        title, at_most_in_all(2, retried(LIFT)), never(failed(LIFT, height + 40)), never_stuck()
+    )
     scenario.module("legs").handles(LIFT)(lift)
     scenario.module("expert").handles(HIGHER)(higher)
 

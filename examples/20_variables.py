@@ -1,4 +1,6 @@
-"""Shared variables: central keeps the newest value for all; a slow watcher gets the newest, not all."""
+"""Shared variables: central keeps the newest value for all; a slow watcher gets the newest, not
+all.
+"""
 
 import time
 from dataclasses import dataclass

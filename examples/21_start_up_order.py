@@ -1,8 +1,19 @@
-"""Programs that start in any order: one waits for what it requires, one is told who comes and goes."""
+"""Programs that start in any order: one waits for what it requires, one is told who comes and
+goes.
+"""
 
 import threading
 
-from tca_module import HANDLERS_CHANGED, MODULE_LEFT, Departure, HandlerCount, Module, Query, Task, connect
+from tca_module import (
+    HANDLERS_CHANGED,
+    MODULE_LEFT,
+    Departure,
+    HandlerCount,
+    Module,
+    Query,
+    Task,
+    connect,
+)
 
 WHERE, ROUTE = Query("where", reply=int), Query("route", int, reply=int)
 

@@ -1,4 +1,6 @@
-"""A device thread answers: the handler starts the motor and returns, the command ends when the motor has stopped."""
+"""A device thread answers: the handler starts the motor and returns, the command ends when the
+motor has stopped.
+"""
 
 import queue
 import threading

@@ -1,4 +1,6 @@
-"""A module's own loop: something every tenth of a second, something when a device speaks, something once."""
+"""A module's own loop: something every tenth of a second, something when a device speaks, something
+once.
+"""
 
 import socket
 import threading

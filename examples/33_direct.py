@@ -1,4 +1,6 @@
-"""Messages that go from module to module directly: a map that is asked a thousand times a second, and an observer."""
+"""Messages that go from module to module directly: a map that is asked a thousand times a second,
+and an observer.
+"""
 
 import sys
 import threading
@@ -40,6 +42,8 @@ if __name__ == "__main__":
         tap = planner.tap(Condition.WHEN_SENT, HEIGHT, HEARD)  # the observer is to hear of it
         say_how()
         planner.query(HEIGHT, 7.0)
-        has_heard.wait(10)  # an inform comes when it comes: who leaves before it is there does not hear it
+        has_heard.wait(
+            10
+        )  # an inform comes when it comes: who leaves before it is there does not hear it
         tap.remove()
         say_how()

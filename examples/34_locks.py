@@ -1,4 +1,5 @@
-"""A scanner needs a body that stands still: it locks the body's controller, and moves wait until it is done.
+"""A scanner needs a body that stands still: it locks the body's controller, and moves wait until it
+is done.
 
 ::
 
@@ -22,7 +23,9 @@ scanning, seen = threading.Event(), threading.Event()
 
 @scanner.handles(SCAN)
 def scan(task: Task) -> str:
-    with task.lock("controller", timeout=5.0):  # waits for a move under way; none begins before the end of the block
+    with task.lock(
+        "controller", timeout=5.0
+    ):  # waits for a move under way; none begins before the end of the block
         print("scan")
         scanning.set()
         seen.wait(5)

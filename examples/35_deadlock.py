@@ -1,4 +1,5 @@
-"""Two handlers that ask each other would wait for ever: the second one is told at once, with the circle.
+"""Two handlers that ask each other would wait for ever: the second one is told at once, with the
+circle.
 
 ::
 

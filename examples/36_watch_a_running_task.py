@@ -1,4 +1,5 @@
-"""A watcher adds a monitor to a walk that runs already and knows nothing of it. It ends with the walk.
+"""A watcher adds a monitor to a walk that runs already and knows nothing of it. It ends with the
+walk.
 
 ::
 

@@ -1,4 +1,5 @@
-"""A camera watches where it is told to, until it is told otherwise: new goals, one too many, and the end.
+"""A camera watches where it is told to, until it is told otherwise: new goals, one too many, and
+the end.
 
 ::
 

@@ -1,4 +1,5 @@
-"""A task server: tasks as classes with parameters. A mission runs them, or ``tca send oven.Heat target=60 --wait``.
+"""A task server: tasks as classes with parameters. A mission runs them, or ``tca send oven.Heat
+target=60 --wait``.
 
 ::
 

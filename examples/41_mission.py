@@ -18,7 +18,7 @@ from tca_behaviours.missions import (
     Status,
     TaskServer,
     parameter,
-)  # fmt: skip
+)
 
 
 class Cart(Environment):
@@ -47,7 +47,10 @@ class WaitForRain(PeriodicTask[Cart]):
 
 
 if __name__ == "__main__":
-    with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain], rate=50).running(), Mission("cart") as mission:
+    with (
+        TaskServer("cart", Cart(), tasks=[Drive, WaitForRain], rate=50).running(),
+        Mission("cart") as mission,
+    ):
         mission.Drive(goal=2.0)
         rain = mission.WaitForRain(foreground=False)
         mission.add_condition(ConditionIsCompleted(rain, "it rains"))

@@ -1,6 +1,8 @@
-"""A patrol as a state machine: it goes round until something is seen, beside it a task looks out in the background.
+"""A patrol as a state machine: it goes round until something is seen, beside it a task looks out in
+the background.
 
-The machine is a task: ``tca view`` draws it, with the states that are active; so does ``patrol.draw("patrol.svg")``.
+The machine is a task: ``tca view`` draws it, with the states that are active; so does
+``patrol.draw("patrol.svg")``.
 
 ::
 
@@ -11,7 +13,15 @@ The machine is a task: ``tca view`` draws it, with the states that are active; s
     an intruder: lights on
 """
 
-from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskServer,
+    parameter,
+)
 from tca_behaviours.missions.charts import Sequence
 
 
@@ -54,5 +64,8 @@ with Sequence("patrol") as patrol:
 
 
 if __name__ == "__main__":
-    with TaskServer("cart", Cart(), tasks=[Drive, LookOut, Lights]).running(), Mission("cart") as mission:
+    with (
+        TaskServer("cart", Cart(), tasks=[Drive, LookOut, Lights]).running(),
+        Mission("cart") as mission,
+    ):
         patrol.run(mission)

@@ -1,4 +1,5 @@
-"""Three kinds of tasks, one pattern: a curious robot points at a thing and asks for its name, one thing at a time.
+"""Three kinds of tasks, one pattern: a curious robot points at a thing and asks for its name, one
+thing at a time.
 
 The first case study of Lütkebohle et al., "The Task-State Pattern" (figure 13)::
 
@@ -50,7 +51,13 @@ if __name__ == "__main__":
     with LocalCentral() as central:
         for module in (dialog, arm, voice, human):
             module.central = central
-        with dialog.running(), arm.running(), voice.running(), human.running(), connect("initiative", central) as robot:
+        with (
+            dialog.running(),
+            arm.running(),
+            voice.running(),
+            human.running(),
+            connect("initiative", central) as robot,
+        ):
             first = robot.command(LABEL_QUERY, "yellow thing")
             print(f"the first question: {'accepted' if first.next_change(5) else 'is over'}")
             try:

@@ -1,4 +1,6 @@
-"""Feedback and corrections while a robot grasps, passed on by a coordinator (Lütkebohle et al., figure 14)."""
+"""Feedback and corrections while a robot grasps, passed on by a coordinator (Lütkebohle et al.,
+figure 14).
+"""
 
 import asyncio
 import threading
@@ -6,7 +8,10 @@ import threading
 from tca_module import Command, Module, Rejected, SentTask, Task, connect
 from tca_module.testing import LocalCentral
 
-GRASP, REACH = Command("grasp", int, result=str, progress=str), Command("reach", int, result=str, progress=str)
+GRASP, REACH = (
+    Command("grasp", int, result=str, progress=str),
+    Command("reach", int, result=str, progress=str),
+)
 coordinator, arm = Module("coordinator"), Module("arm")
 has_arrived = threading.Event()
 

@@ -1,4 +1,5 @@
-"""A robot looks at whom it talks with and at what it grasps, and neither knows of that: its gaze observes them.
+"""A robot looks at whom it talks with and at what it grasps, and neither knows of that: its gaze
+observes them.
 
 The third case study of Lütkebohle et al., "The Task-State Pattern" (figure 15)::
 
@@ -40,7 +41,9 @@ def ask(task: Task, face: Region) -> str:
 def grasp(task: Task, thing: Region) -> None: ...
 
 
-@gaze.observes(LABEL_QUERY, states=["running"])  # once it is accepted, not whenever somebody wants it
+@gaze.observes(
+    LABEL_QUERY, states=["running"]
+)  # once it is accepted, not whenever somebody wants it
 @gaze.observes(GRASP, states=["running"])
 def look(change: Change) -> None:
     looked.put(f"looks at {change.goal.what} at {change.goal.x:g}, {change.goal.y:g}")
@@ -49,7 +52,12 @@ def look(change: Change) -> None:
 if __name__ == "__main__":
     with LocalCentral() as central:
         dialog.central = arm.central = gaze.central = central
-        with dialog.running(), arm.running(), gaze.running(), connect("initiative", central) as robot:
+        with (
+            dialog.running(),
+            arm.running(),
+            gaze.running(),
+            connect("initiative", central) as robot,
+        ):
             try:
                 robot.command(LABEL_QUERY, Region("nobody", 0.0, 0.0)).result(5)
             except TaskFailed as error:

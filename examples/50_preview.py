@@ -1,4 +1,6 @@
-"""A coordinator looks ahead: the arm moves while the base still drives, to the box that is likely to be free."""
+"""A coordinator looks ahead: the arm moves while the base still drives, to the box that is likely
+to be free.
+"""
 
 from tca_behaviours.coordination import (
     Activity,
@@ -12,17 +14,28 @@ from tca_behaviours.coordination import (
 )
 from tca_module import Command, Module, Task, Variable
 
-MOVE_BASE, MOVE_ARM = Command("move base", str, progress=float), Command("move arm", str, progress=float)
+MOVE_BASE, MOVE_ARM = (
+    Command("move base", str, progress=float),
+    Command("move arm", str, progress=float),
+)
 DROP, BOX_B_FREE = Command("drop"), Variable("box B is free", bool)
 base, arm, gripper = Agent("base"), Agent("arm"), Agent("gripper")
 
 with Coordination("deliver", facts={"base": "A", "arm": "home"}) as deliver:
     to_b = deliver.state("going to B", Activity(Do(MOVE_BASE, "B", base), makes={"base": "B"}))
-    arm_b = deliver.state("arm to box B", Activity(Do(MOVE_ARM, "box B", arm), makes={"arm": "box B"}))
+    arm_b = deliver.state(
+        "arm to box B", Activity(Do(MOVE_ARM, "box B", arm), makes={"arm": "box B"})
+    )
     to_c = deliver.state("going to C", Activity(Do(MOVE_BASE, "C", base), makes={"base": "C"}))
-    arm_c = deliver.state("arm to box C", Activity(Do(MOVE_ARM, "box C", arm), makes={"arm": "box C"}))
-    drop_b = deliver.state("dropping in B", Activity(Do(DROP, None, gripper), needs={"base": "B", "arm": "box B"}))
-    drop_c = deliver.state("dropping in C", Activity(Do(DROP, None, gripper), needs={"base": "C", "arm": "box C"}))
+    arm_c = deliver.state(
+        "arm to box C", Activity(Do(MOVE_ARM, "box C", arm), makes={"arm": "box C"})
+    )
+    drop_b = deliver.state(
+        "dropping in B", Activity(Do(DROP, None, gripper), needs={"base": "B", "arm": "box B"})
+    )
+    drop_c = deliver.state(
+        "dropping in C", Activity(Do(DROP, None, gripper), needs={"base": "C", "arm": "box C"})
+    )
     delivered = deliver.final("delivered")
     to_b.to(arm_b, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
     to_b.to(to_c, likelihood=Perceived(BOX_B_FREE, negated=True))

@@ -1,4 +1,5 @@
-"""Activities of a balancing robot on processors: the verdict before it runs, a change of the allocation while it runs.
+"""Activities of a balancing robot on processors: the verdict before it runs, a change of the
+allocation while it runs.
 
 ::
 
@@ -38,7 +39,10 @@ class Robot(Component[list[str]]):
 
 
 def tell(application: Application) -> None:
-    figures, periods = application.figures(), {one.name: one.period for one in application.allocation().processors}
+    figures, periods = (
+        application.figures(),
+        {one.name: one.period for one in application.allocation().processors},
+    )
     print(f"{application.policy}: {'schedulable' if figures.is_schedulable else 'not schedulable'}")
     for one in figures.processors:
         within = "no bound" if one.bound is None else f"within {one.bound * 1e3:.1f} ms"
@@ -56,5 +60,10 @@ with application.running():
         if turn == 2:
             application.move("robot.mapping.on", "mapping")
 ticks = {one.name: one.ticks for one in application.figures().activities}
-print("maps drawn:", ticks["robot.mapping.on"] >= 6, "- balanced more often:", ticks["robot.balance.on"] > 6)
+print(
+    "maps drawn:",
+    ticks["robot.mapping.on"] >= 6,
+    "- balanced more often:",
+    ticks["robot.balance.on"] > 6,
+)
 print("processors:", ", ".join(one.name for one in application.allocation().processors))

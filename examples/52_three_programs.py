@@ -1,6 +1,7 @@
 """A robot, the coordinator of its machine, and a user: each may be a program of its own.
 
-Start ``tca central``; then this file with ``robot``, with ``coordinator`` and with ``user``, each in another terminal.
+Start ``tca central``; then this file with ``robot``, with ``coordinator`` and with ``user``, each
+in another terminal.
 """
 
 import sys
@@ -22,7 +23,9 @@ stove, arm = Agent("stove"), Agent("arm")
 
 with Coordination("make tea", facts={"water": "cold"}) as make_tea:
     waiting = make_tea.state("waiting")
-    heating = make_tea.state("heating water", Activity(Do(HEAT, "water", stove), makes={"water": "hot"}))
+    heating = make_tea.state(
+        "heating water", Activity(Do(HEAT, "water", stove), makes={"water": "hot"})
+    )
     laying = make_tea.state("laying the table", Activity(Do(LAY, "table", arm)))
     waiting.to(heating, on="tea is wanted")
     heating.to(laying)

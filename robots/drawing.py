@@ -10,10 +10,11 @@ Place = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A part of a picture where y points up: lengths are the world's, and *scale* pixels are one of them.
+    """A part of a picture where y points up: lengths are the world's, and *scale* pixels are one of
+    them.
 
-    *left* and *zero* are the pixels of the world's origin. Each shape has a look, which is a class of the style, and
-    more attributes of SVG by name.
+    *left* and *zero* are the pixels of the world's origin. Each shape has a look, which is a class
+    of the style, and more attributes of SVG by name.
     """
 
     left: float
@@ -44,10 +45,14 @@ class View:
         x, y = self.at(centre[0], centre[1])
         return f'<circle class="{look}"{self._pixels(cx=x, cy=y, r=radius * self.scale)}{attributes(more)}/>'
 
-    def words(self, words: str, place: Place, right: float = 0.0, down: float = 0.0, **more: object) -> str:
+    def words(
+        self, words: str, place: Place, right: float = 0.0, down: float = 0.0, **more: object
+    ) -> str:
         """A text, some pixels beside a place."""
         x, y = self.at(place[0], place[1])
-        return f"<text{self._pixels(x=x + right, y=y + down)}{attributes(more)}>{text(words)}</text>"
+        return (
+            f"<text{self._pixels(x=x + right, y=y + down)}{attributes(more)}>{text(words)}</text>"
+        )
 
     def _points(self, places: Iterable[Place]) -> str:
         pixels = (self.at(place[0], place[1]) for place in places)
@@ -59,4 +64,6 @@ class View:
 
 def attributes(values: dict[str, object]) -> str:
     """Attributes of SVG; a ``_`` stands for ``-``, and may end a name that Python has taken."""
-    return "".join(f' {name.rstrip("_").replace("_", "-")}="{value}"' for name, value in values.items())
+    return "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{value}"' for name, value in values.items()
+    )

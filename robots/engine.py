@@ -60,11 +60,15 @@ class BulletWorld:
         infos = [self._engine.getJointInfo(self._robot, joint) for joint in range(count)]
         return {info[1].decode(): info[0] for info in infos}
 
-    def _frame(self, camera: Camera, size: tuple[int, int], ground_bodies: Sequence[int]) -> Rendering:
+    def _frame(
+        self, camera: Camera, size: tuple[int, int], ground_bodies: Sequence[int]
+    ) -> Rendering:
         """The image of a camera: colours, depths, and what is ground or an object on it."""
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
-        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
+        lens = pybullet.computeProjectionMatrixFOV(
+            camera.angle, width / height, camera.near, camera.far
+        )
         image = self._engine.getCameraImage(
             *(width, height, view, lens),
             shadow=0,  # the engine's own shadows leave parts of large ground dark, and are too coarse

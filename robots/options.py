@@ -8,7 +8,9 @@ from pathlib import Path
 def parser_of(program: str, description: str | None, out: str) -> argparse.ArgumentParser:
     """The command line of `python -m robots.<program>`, with the option that all shows have."""
     parser = argparse.ArgumentParser(prog=f"python -m robots.{program}", description=description)
-    parser.add_argument("--out", type=Path, default=Path(out), help="folder of its files (%(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=Path(out), help="folder of its files (%(default)s)"
+    )
     return parser
 
 
@@ -22,7 +24,9 @@ def between(least: float, most: float, what: str) -> Callable[[str], float]:
 
     def number(text: str) -> float:
         if not least <= float(text) <= most:
-            raise argparse.ArgumentTypeError(f"{what} is a number from {least:g} to {most:,g}, not {text}")
+            raise argparse.ArgumentTypeError(
+                f"{what} is a number from {least:g} to {most:,g}, not {text}"
+            )
         return float(text)
 
     return number

@@ -11,13 +11,19 @@ Number = TypeVar("Number", float, "NDArray[np.float64]")
 """A coordinate, or those of many places."""
 
 
-def placed(x: float, y: float, heading: float, ahead: Number, left: Number) -> tuple[Number, Number]:
-    """The place in the world of what is so far *ahead* and to the *left* of one who stands there."""
+def placed(
+    x: float, y: float, heading: float, ahead: Number, left: Number
+) -> tuple[Number, Number]:
+    """The place in the world of what is so far *ahead* and to the *left* of one who stands
+    there.
+    """
     cos, sin = math.cos(heading), math.sin(heading)
     return x + cos * ahead - sin * left, y + sin * ahead + cos * left
 
 
-def seen_from(x: float, y: float, heading: float, place_x: Number, place_y: Number) -> tuple[Number, Number]:
+def seen_from(
+    x: float, y: float, heading: float, place_x: Number, place_y: Number
+) -> tuple[Number, Number]:
     """How far ahead and to the left a place of the world is for one who stands there."""
     cos, sin = math.cos(heading), math.sin(heading)
     dx, dy = place_x - x, place_y - y

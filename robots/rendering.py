@@ -1,4 +1,6 @@
-"""Raw renderings of a physics engine, and what all pictures make of them: shadows, lines, PNG files."""
+"""Raw renderings of a physics engine, and what all pictures make of them: shadows, lines, PNG
+files.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +24,9 @@ SHADOW = 0.58
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Where it is, what it looks at, its vertical angle of view in degrees, and what distances it sees."""
+    """Where it is, what it looks at, its vertical angle of view in degrees, and what distances it
+    sees.
+    """
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
@@ -33,8 +37,8 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it, the world-to-screen
-    matrix and the camera.
+    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it,
+    the world-to-screen matrix and the camera.
     """
 
     colours: Pixels = field(repr=False)
@@ -45,10 +49,18 @@ class Rendering:
     camera: Camera
 
 
-def camera_in_the_sun(sun: Triple, distance: float, target: Triple, angle: float, depth: float) -> Camera:
-    """What a robot hides from there lies in its shadow. *depth*: metres that are seen before and behind the target."""
-    eye = [here + distance * part / math.hypot(*sun) for here, part in zip(target, sun, strict=True)]
-    return Camera((eye[0], eye[1], eye[2]), target, angle, near=distance - depth, far=distance + depth)
+def camera_in_the_sun(
+    sun: Triple, distance: float, target: Triple, angle: float, depth: float
+) -> Camera:
+    """What a robot hides from there lies in its shadow. *depth*: metres that are seen before and
+    behind the target.
+    """
+    eye = [
+        here + distance * part / math.hypot(*sun) for here, part in zip(target, sun, strict=True)
+    ]
+    return Camera(
+        (eye[0], eye[1], eye[2]), target, angle, near=distance - depth, far=distance + depth
+    )
 
 
 def ground_places(frame: Rendering) -> Array:
@@ -72,7 +84,10 @@ def shadow(places: Array, from_sun: Rendering) -> Array:
     """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
     height, width = from_sun.objects.shape
     x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
-    column, row = ((x / w + 1) / 2 * width).astype(np.intp), ((1 - y / w) / 2 * height).astype(np.intp)
+    column, row = (
+        ((x / w + 1) / 2 * width).astype(np.intp),
+        ((1 - y / w) / 2 * height).astype(np.intp),
+    )
     lit = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     hidden = _softened(from_sun.objects)[row.clip(0, height - 1), column.clip(0, width - 1)]
     return np.where(lit, 1 - (1 - SHADOW) * hidden, 1.0)
@@ -80,7 +95,10 @@ def shadow(places: Array, from_sun: Rendering) -> Array:
 
 def _softened(cells: Mask) -> Array:
     """Mean over 5 by 5 cells."""
-    return np.asarray(Image.fromarray(255 * cells.astype(np.uint8)).filter(ImageFilter.BoxBlur(2))) / 255
+    return (
+        np.asarray(Image.fromarray(255 * cells.astype(np.uint8)).filter(ImageFilter.BoxBlur(2)))
+        / 255
+    )
 
 
 def halved(image: Array) -> Pixels:

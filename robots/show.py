@@ -20,7 +20,9 @@ def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], 
     """Run the show with the options of the command line; the exit code."""
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the programs are stopped in order
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # as Ctrl-C: the programs are stopped in order
     try:
         return show(options)
     except OSError as error:
@@ -34,7 +36,9 @@ def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], 
 
 
 def history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
-    """The task tree and the Gantt chart of the run. With *warn* it is said what can't be made, and why."""
+    """The task tree and the Gantt chart of the run. With *warn* it is said what can't be made, and
+    why.
+    """
     tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
     for name, tool in tools.items():
         try:

@@ -8,15 +8,24 @@ Triple = tuple[float, float, float]
 def robot(name: str, colours: Mapping[str, Triple], parts: Iterable[str]) -> str:
     """The whole description: what looks name as a colour, links and joints."""
     materials = "".join(
-        f'<material name="{colour}"><color rgba="{_text(rgb)} 1"/></material>' for colour, rgb in colours.items()
+        f'<material name="{colour}"><color rgba="{_text(rgb)} 1"/></material>'
+        for colour, rgb in colours.items()
     )
     return f'<?xml version="1.0"?>\n<robot name="{name}">{materials}{"".join(parts)}</robot>\n'
 
 
 def link(
-    name: str, mass: float, size: Triple, looks: Iterable[str] = (), solid: str = "", *, centre: Triple = (0, 0, 0)
+    name: str,
+    mass: float,
+    size: Triple,
+    looks: Iterable[str] = (),
+    solid: str = "",
+    *,
+    centre: Triple = (0, 0, 0),
 ) -> str:
-    """A body that is as heavy as a box of this size, with what it looks like and what is *solid* of it."""
+    """A body that is as heavy as a box of this size, with what it looks like and what is *solid* of
+    it.
+    """
     x, y, z = (side * side * mass / 12 for side in size)
     moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
     inertia = f'<inertial>{_place(centre)}<mass value="{mass}"/><inertia {moments}/></inertial>'
@@ -24,10 +33,18 @@ def link(
 
 
 def joint(
-    name: str, kind: str, parent: str, child: str, origin: Triple, axis: Triple, limits: tuple[float, float] | None,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    origin: Triple,
+    axis: Triple,
+    limits: tuple[float, float] | None,
     effort: float,
-) -> str:  # fmt: skip
-    """What moves *child* against *parent*. Without *limits* it has no end; with both at 0 it would be held at 0."""
+) -> str:
+    """What moves *child* against *parent*. Without *limits* it has no end; with both at 0 it would
+    be held at 0.
+    """
     ends = f'lower="{limits[0]}" upper="{limits[1]}" ' if limits else ""
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{_place(origin)}'

@@ -1,1 +1,3 @@
-"""Programming models on top of the library: missions, state machines of tasks, preview coordination, activities."""
+"""Programming models on top of the library: missions, state machines of tasks, preview
+coordination, activities.
+"""

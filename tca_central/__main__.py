@@ -23,7 +23,14 @@ from tca_central.shell.log_writer import Sync, is_written
 from tca_central.shell.recovery import unfinished
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
-from tca_wire.endpoint import VARIABLE, NoHome, default_endpoint, is_loopback, journal_link, new_journal
+from tca_wire.endpoint import (
+    VARIABLE,
+    NoHome,
+    default_endpoint,
+    is_loopback,
+    journal_link,
+    new_journal,
+)
 from tca_wire.errors import KeyRefused
 from tca_wire.release import release
 from tca_wire.standard_streams import replace_closed_streams
@@ -51,7 +58,9 @@ def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int)
 
 
 def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
-    """The journal of the last central at an address, if its run has ended without a goodbye. Raises CentralError."""
+    """The journal of the last central at an address, if its run has ended without a goodbye. Raises
+    CentralError.
+    """
     try:
         there = journal_link(address).readlink()
         is_left = not is_fresh and there.is_dir() and not is_written(there)
@@ -73,14 +82,16 @@ def _check_address(bind: str, *, insecure: bool) -> None:
         msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
         raise click.UsageError(msg)
     if is_tcp and insecure and not is_loopback(bind):
-        msg = f"{bind} can be reached from other machines, so whoever connects needs a key: leave --insecure out, and \
+        msg = (
+            f"{bind} can be reached from other machines, so whoever connects needs a key: leave --insecure out, and \
 make keys with 'tca keys new NAME'"
+        )
         raise click.UsageError(msg)
 
 
 def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
-    """Let tools that look at the central of an address find its journal, or none, where it keeps none; and those that
-    are to show the newest run one that was *named*.
+    """Let tools that look at the central of an address find its journal, or none, where it keeps
+    none; and those that are to show the newest run one that was *named*.
     """
     with contextlib.suppress(OSError, NoHome):
         link = journal_link(address)
@@ -124,7 +135,11 @@ def _obey_signals(server: Daemon) -> None:
 
 
 @click.command()
-@click.option("--bind", metavar="ADDRESS", help=f"Where to listen [default: ${VARIABLE}, else a socket of your own].")
+@click.option(
+    "--bind",
+    metavar="ADDRESS",
+    help=f"Where to listen [default: ${VARIABLE}, else a socket of your own].",
+)
 @click.option(
     "--journal",
     type=click.Path(path_type=Path),
@@ -132,21 +147,47 @@ def _obey_signals(server: Daemon) -> None:
 find it, too. It may hold earlier runs.",
 )
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
-@click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
-              help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
-before and on the disk within a second, 'none' when convenient.")  # fmt: skip
-@click.option("--no-inputs", is_flag=True, help="Keep no inputs: after a crash everything begins anew.")
-@click.option("--if-journal-fails", "if_fails", type=click.Choice(["stop", "go-on"]), default="stop",
-              show_default=True,
-              help="When the journal can't be written: 'go-on' does without one from then on.")  # fmt: skip
-@click.option("--fresh", is_flag=True, help="Begin a new run, also where the last one ended without a goodbye.")
-@click.option("--resume", type=click.Choice(["hold", "facts"]), multiple=True,
-              help="How a run goes on that ended without a goodbye: 'hold' starts no task until 'tca resume' says so, \
-'facts' accepts that the journal differs from what the inputs lead to.")  # fmt: skip
-@click.option("--lost-after", type=click.IntRange(min=0), callback=_lost_after, default=LOST_AFTER,
-              show_default=True, metavar="SECONDS",
-              help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
-never.")  # fmt: skip
+@click.option(
+    "--sync",
+    type=click.Choice([str(sync) for sync in Sync]),
+    default="batch",
+    show_default=True,
+    help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
+before and on the disk within a second, 'none' when convenient.",
+)
+@click.option(
+    "--no-inputs", is_flag=True, help="Keep no inputs: after a crash everything begins anew."
+)
+@click.option(
+    "--if-journal-fails",
+    "if_fails",
+    type=click.Choice(["stop", "go-on"]),
+    default="stop",
+    show_default=True,
+    help="When the journal can't be written: 'go-on' does without one from then on.",
+)
+@click.option(
+    "--fresh",
+    is_flag=True,
+    help="Begin a new run, also where the last one ended without a goodbye.",
+)
+@click.option(
+    "--resume",
+    type=click.Choice(["hold", "facts"]),
+    multiple=True,
+    help="How a run goes on that ended without a goodbye: 'hold' starts no task until 'tca resume' says so, \
+'facts' accepts that the journal differs from what the inputs lead to.",
+)
+@click.option(
+    "--lost-after",
+    type=click.IntRange(min=0),
+    callback=_lost_after,
+    default=LOST_AFTER,
+    show_default=True,
+    metavar="SECONDS",
+    help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
+never.",
+)
 @click.option(
     "--memory",
     type=Bytes(),
@@ -155,12 +196,28 @@ never.")  # fmt: skip
     metavar="BYTES",
     help="How much central may hold of what modules send, as 64M or 2G; beyond that it refuses and drops.",
 )
-@click.option("--tap-depth", type=click.IntRange(min=1), default=8, show_default=True, metavar="NUMBER",
-              help="How many listeners of wiretaps one chain of messages may call; beyond that a tapped message is \
-refused.")  # fmt: skip
-@click.option("--task-depth", type=click.IntRange(min=1), default=20_000, show_default=True, metavar="NUMBER",
-              help="How many tasks may stand under one another; beyond that a task is refused.")  # fmt: skip
-@click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
+@click.option(
+    "--tap-depth",
+    type=click.IntRange(min=1),
+    default=8,
+    show_default=True,
+    metavar="NUMBER",
+    help="How many listeners of wiretaps one chain of messages may call; beyond that a tapped message is \
+refused.",
+)
+@click.option(
+    "--task-depth",
+    type=click.IntRange(min=1),
+    default=20_000,
+    show_default=True,
+    metavar="NUMBER",
+    help="How many tasks may stand under one another; beyond that a task is refused.",
+)
+@click.option(
+    "--insecure",
+    is_flag=True,
+    help="Over TCP, let in every program of this computer, without a key.",
+)
 @click.option(
     "--permissions",
     type=click.Path(path_type=Path),
@@ -168,12 +225,27 @@ refused.")  # fmt: skip
     help="Who may do what, as TOML; read again when it changes [default: whoever gets in, everything].",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
-@click.version_option(release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}")
+@click.version_option(
+    release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
+)
 def central(  # noqa: PLR0913 - one for each option
-    bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
-    if_fails: str, lost_after: int, memory: int, tap_depth: int, task_depth: int, no_journal: bool, no_inputs: bool,
-    fresh: bool, insecure: bool, quiet: bool,
-) -> None:  # fmt: skip
+    bind: str | None,
+    journal: Path | None,
+    sync: str,
+    resume: tuple[str, ...],
+    permissions: Path | None,
+    *,
+    if_fails: str,
+    lost_after: int,
+    memory: int,
+    tap_depth: int,
+    task_depth: int,
+    no_journal: bool,
+    no_inputs: bool,
+    fresh: bool,
+    insecure: bool,
+    quiet: bool,
+) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
     endpoint = bind or default_endpoint()
@@ -185,17 +257,29 @@ def central(  # noqa: PLR0913 - one for each option
         if not no_journal:
             is_fresh = fresh or no_inputs
             accept = "facts" in resume
-            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept) or new_journal()
+            folder = (
+                journal
+                or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept)
+                or new_journal()
+            )
             run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
-            known, endpoint, lost_after=lost_after, gate=gate, memory=memory, tap_depth=tap_depth, task_depth=task_depth
+            known,
+            endpoint,
+            lost_after=lost_after,
+            gate=gate,
+            memory=memory,
+            tap_depth=tap_depth,
+            task_depth=task_depth,
         )
         server.goes_on_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
-        _tell_where(server.endpoint, None if run is None else run.path, is_named=journal is not None)
+        _tell_where(
+            server.endpoint, None if run is None else run.path, is_named=journal is not None
+        )
         _obey_signals(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):
@@ -204,7 +288,9 @@ def central(  # noqa: PLR0913 - one for each option
         gc.freeze()  # what lasts as long as central need not be looked through each time
         server.serve()
     except (CentralError, KeyRefused, NoHome) as error:
-        raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(str(error)) from None
+        raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(
+            str(error)
+        ) from None
     finally:
         if server is not None:
             server.close()

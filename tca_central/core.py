@@ -1,13 +1,16 @@
-"""Central's core: the one function by which its state changes. Knows no socket, file, clock or thread.
+"""Central's core: the one function by which its state changes. Knows no socket, file, clock or
+thread.
 
-Theory of operation. ``handle`` takes one event, lets the row of HANDLERS for it record what happened, then settles:
-points are reached, startable tasks are given to resources, ended tasks are reported, until nothing moves. It returns
-what the world must do: first the journal entry with every fact and its cause, then the messages to send. Each timer
-that is due by then comes before the event, as an entry of its own. The same events always give the same effects.
+Theory of operation. ``handle`` takes one event, lets the row of HANDLERS for it record what
+happened, then settles:
+points are reached, startable tasks are given to resources, ended tasks are reported, until nothing
+moves. It returns what the world must do: first the journal entry with every fact and its cause,
+then the messages to send. Each timer that is due by then comes before the event, as an entry of its
+own. The same events always give the same effects.
 
-The rules live apart and do not know each other: registry (who and what), task_tree (structure), agenda (points and
-constraints), resources and dispatcher (capacity and order); state.py puts them together, the files in requests/ say
-what each message means to them, and this file decides when.
+The rules live apart and do not know each other: registry (who and what), task_tree (structure),
+agenda (points and constraints), resources and dispatcher (capacity and order); state.py puts them
+together, the files in requests/ say what each message means to them, and this file decides when.
 """
 
 from collections import deque
@@ -75,7 +78,9 @@ _LONGEST_BODY = int(Limit.BODY)
 
 
 class Central(State):
-    """The whole state. ``handle`` is the only way to change it; everything else that is public only reads."""
+    """The whole state. ``handle`` is the only way to change it; everything else that is public only
+    reads.
+    """
 
     __slots__ = ("_output_queues", "_outputs")
 
@@ -84,7 +89,9 @@ class Central(State):
         self.connect_outputs()
 
     def connect_outputs(self) -> None:
-        """Say where the agenda's results go: that is no state, and made anew for one that comes from an image."""
+        """Say where the agenda's results go: that is no state, and made anew for one that comes
+        from an image.
+        """
         agenda = self.agenda
         # The agenda's items and their handlers, in this order: all of one kind before the next.
         self._outputs: tuple[tuple[Sized, Callable[[], None]], ...] = (
@@ -98,13 +105,18 @@ class Central(State):
             _output(agenda.ended_waits, self._on_reached),
             _output(self.dispatcher.granted, partial(claims.tell_granted, self)),
             _output(self.dispatcher.crowded, partial(busy.on_crowded, self)),
-            _output(self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
+            _output(
+                self.dispatcher.displaced,
+                lambda displaced: replying.tell_displaced(self, *displaced),
+            ),
             _output(self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
     def handle(self, event: Event) -> list[Effect]:
-        """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
+        """Let *event* happen; what must be done about it, in that order. Any exception is a bug in
+        central.
+        """
         clock = self.clock
         effects: list[Effect] = []
         if event.time > clock.now:  # noqa: PLR1730 - max() costs as much as four calls
@@ -119,12 +131,14 @@ class Central(State):
             self._on_keeper(event, effects)
         return effects
 
-    # --- an event --------------------------------------------------------------------------------------------------
+    # --- an event ---------------------------------------------------------------------------------
 
     def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         self.events += 1
         due, subject = timer.due, timer.subject
-        about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))  # the task or the claim
+        about = cast(
+            "Delivery | ModuleClaim | None", getattr(subject, "task", subject)
+        )  # the task or the claim
         TIMERS[due](self, cast("Never", subject))
         self._settle()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
@@ -190,12 +204,18 @@ class Central(State):
             self._refuse(event.connection, number, error.refusal, error.text)
         self._settle()
         module, place = _named(connection)
-        self._report(effects, event.time, causes.Request(module, place, number, kind.name, self.origin))
+        self._report(
+            effects, event.time, causes.Request(module, place, number, kind.name, self.origin)
+        )
         self.origin = 0
 
-    def _carry_out(self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind") -> None:
+    def _carry_out(
+        self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind"
+    ) -> None:
         if kind.needs_number and not header.number:  # type: ignore[union-attr]
-            raise RequestError(Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number")
+            raise RequestError(
+                Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number"
+            )
         if kind.origin is not None and (origin := kind.origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.may_forge and not self.origin and origin in self.dispatcher.running:
@@ -210,12 +230,22 @@ class Central(State):
         if len(body) > _LONGEST_BODY:
             replying.refuse_body(self, connection, header, len(body))
         else:
-            HANDLERS[type(header)](self, connection, cast("Never", header), body)  # its row takes just that
+            HANDLERS[type(header)](
+                self, connection, cast("Never", header), body
+            )  # its row takes just that
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
-        """The delivery whose handler asks, as a request says; 0 if its module does not handle that."""
-        asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(connection, origin)
-        is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
+        """The delivery whose handler asks, as a request says; 0 if its module does not handle
+        that.
+        """
+        asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(
+            connection, origin
+        )
+        is_its = (
+            asking is not None
+            and asking.slot is not None
+            and asking.slot.module is connection.module
+        )
         return origin if is_its else 0
 
     def _meet(self, event: RequestReceived, number: int) -> Connection | None:
@@ -226,8 +256,12 @@ class Central(State):
             self.messages.append(Transmit(event.connection, headers.Unknown(number)))
         return self.registry.connections.get(event.connection)
 
-    def _take_place(self, before: Connection, event: RequestReceived, number: int) -> Connection | None:
-        """Somebody else's line has the name of a connection: that one's line is gone, though nobody has noticed."""
+    def _take_place(
+        self, before: Connection, event: RequestReceived, number: int
+    ) -> Connection | None:
+        """Somebody else's line has the name of a connection: that one's line is gone, though nobody
+        has noticed.
+        """
         joining.disconnect(self, before, "the line of somebody else has its name", lost=True)
         return self._meet(event, number)
 
@@ -244,7 +278,9 @@ class Central(State):
         effects += self.messages
         self.messages.clear()
 
-    def _refuse(self, connection_id: ConnectionId, number: int, refusal: Refusal, text: str) -> None:
+    def _refuse(
+        self, connection_id: ConnectionId, number: int, refusal: Refusal, text: str
+    ) -> None:
         connection = self.registry.connections.get(connection_id)
         if connection is not None:
             self.refuse(connection, number, refusal, text)
@@ -265,7 +301,7 @@ class Central(State):
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
-    # --- shared by the rules ---------------------------------------------------------------------------------------
+    # --- shared by the rules ----------------------------------------------------------------------
 
     def _settle(self) -> None:
         """Let everything happen that may, until nothing moves."""
@@ -287,7 +323,9 @@ class Central(State):
                 return
 
     def _take_outputs(self) -> None:
-        for _, take_all in compress(self._outputs, self._output_queues):  # a queue is looked at when its turn comes
+        for _, take_all in compress(
+            self._outputs, self._output_queues
+        ):  # a queue is looked at when its turn comes
             take_all()
 
     def _on_reached(self, reached: tuple[Task, Stored]) -> None:
@@ -299,12 +337,16 @@ class Central(State):
         self.dispatcher.withdraw(task, keep_place=was_suspended or task.suspended or task.retrying)
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
-        """Fire wiretaps before a task goes on. What no listener holds is reached before anything else follows."""
+        """Fire wiretaps before a task goes on. What no listener holds is reached before anything
+        else follows.
+        """
         taps.fire_before(self, *tapped)
         self.agenda.settle()
 
     def _start_all(self) -> None:
-        """Start what may start: first exception handlers that nobody handles (that ends others), then monitors."""
+        """Start what may start: first exception handlers that nobody handles (that ends others),
+        then monitors.
+        """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.requested and not task.killed]
         waiting.clear()
@@ -382,7 +424,11 @@ def _named(connection: Connection | None) -> tuple[str, int]:
 def _first_of(startable: list[Task]) -> list[Task]:
     """The startable tasks that go before all others: all of one kind."""
     stranded = [task for task in startable if task.is_stranded]
-    return stranded or [task for task in startable if task.message.message_class.is_monitor] or startable
+    return (
+        stranded
+        or [task for task in startable if task.message.message_class.is_monitor]
+        or startable
+    )
 
 
 HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
@@ -444,7 +490,9 @@ class _Kind:
         self.name: str = header.__name__
         self.has_number = "number" in fields
         self.needs_number = header in _WAITS  # by which its answer is found
-        self.may_forge = "origin" in fields and header is not headers.Lock  # that is refused, with better words
+        self.may_forge = (
+            "origin" in fields and header is not headers.Lock
+        )  # that is refused, with better words
         self.names_tasks = bool(naming.NAMING[header])
         self.origin: Callable[[ToCentral], int] | None = attrgetter(origin) if origin else None
         """Reads the delivery whose handler sends such a header; None if it has none."""

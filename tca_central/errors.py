@@ -1,8 +1,8 @@
 """Errors of the daemon.
 
-RequestError         a module asked for something that can't be done: it is refused, nothing of it remains
-CentralError         central cannot start or go on: the address is taken, the journal can't be written
-DiskFull             it can as soon as the disk has room
+RequestError         a module asked for something that can't be done: it is refused, nothing of it
+remains CentralError         central cannot start or go on: the address is taken, the journal can't
+be written DiskFull             it can as soon as the disk has room
 ImageError           the state cannot be written down, or bytes are no state that was
 """
 
@@ -12,7 +12,9 @@ from tca_wire.vocabulary import Limit, Refusal, is_name
 
 
 class RequestError(Exception):
-    """A module's request cannot be done. Raised before anything has changed, or after everything was undone."""
+    """A module's request cannot be done. Raised before anything has changed, or after everything
+    was undone.
+    """
 
     def __init__(self, refusal: Refusal, text: str) -> None:
         super().__init__(refusal, text)
@@ -24,7 +26,9 @@ class RequestError(Exception):
 
 
 def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
-    """Raises RequestError if this does not do for the name of a *kind*: it is long, or would steer a terminal."""
+    """Raises RequestError if this does not do for the name of a *kind*: it is long, or would steer
+    a terminal.
+    """
     if not is_name(name) and not (or_none and not name):
         text = f"{name!r:.60} names no {kind}: give 1 to {Limit.NAME:d} printable characters"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -38,11 +42,19 @@ class DiskFull(CentralError):
     """Central can start, or continue, as soon as the disk has room."""
 
 
-def disk_error(error: OSError, text: str, advice: str = "name another folder with --journal") -> CentralError:
-    """The error with that text for what the disk has refused, and the *advice* if that is not for lack of room."""
+def disk_error(
+    error: OSError, text: str, advice: str = "name another folder with --journal"
+) -> CentralError:
+    """The error with that text for what the disk has refused, and the *advice* if that is not for
+    lack of room.
+    """
     is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     text = f"{text}: {error.strerror}"
-    return DiskFull(f"{text}: make room, then start central again") if is_full else CentralError(f"{text}: {advice}")
+    return (
+        DiskFull(f"{text}: make room, then start central again")
+        if is_full
+        else CentralError(f"{text}: {advice}")
+    )
 
 
 class ImageError(CentralError):

@@ -1,7 +1,9 @@
-"""Events that reach central, and the effects that it asks for. The core sees nothing else of the world.
+"""Events that reach central, and the effects that it asks for. The core sees nothing else of the
+world.
 
-An *input* is what the log of inputs keeps, in the order in which it was handled: a packet as it came, which holds a
-request or more, or any other event. The same inputs always give the same effects.
+An *input* is what the log of inputs keeps, in the order in which it was handled: a packet as it
+came, which holds a request or more, or any other event. The same inputs always give the same
+effects.
 """
 
 from typing import NewType
@@ -15,18 +17,24 @@ from tca_wire.vocabulary import Permission
 ConnectionId = NewType("ConnectionId", bytes)
 
 AWAY = b"away "
-"""Begins the id of a connection that is awaited after a restart; a client that calls itself so is turned away."""
+"""Begins the id of a connection that is awaited after a restart; a client that calls itself so is
+turned away.
+"""
 
 
 class RequestReceived(msgspec.Struct, frozen=True):
-    """A module's message arrived. *time* in seconds, as in every event, on a clock that never jumps."""
+    """A module's message arrived. *time* in seconds, as in every event, on a clock that never
+    jumps.
+    """
 
     time: EntryTime
     connection: ConnectionId
     header: ToCentral
     body: bytes = b""
     principal: str = ""
-    """Who sent it: the name of a key, "uid:N" for another user of this computer, "" for the one who runs central."""
+    """Who sent it: the name of a key, "uid:N" for another user of this computer, "" for the one who
+    runs central.
+    """
 
 
 class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
@@ -67,7 +75,9 @@ class TellAll(msgspec.Struct, frozen=True, array_like=True, tag="a"):
 
 
 class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
-    """Keys may connect that might not before, or may no more; their connections are lost with events of their own."""
+    """Keys may connect that might not before, or may no more; their connections are lost with
+    events of their own.
+    """
 
     time: EntryTime
     allowed: list[str] = []
@@ -75,7 +85,9 @@ class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
 
 
 class AccessRule(msgspec.Struct, frozen=True, array_like=True):
-    """What the owners of some keys may do, as some modules. All are patterns, in which * stands for any text."""
+    """What the owners of some keys may do, as some modules. All are patterns, in which * stands for
+    any text.
+    """
 
     keys: tuple[str, ...]
     modules: tuple[str, ...] = ("*",)
@@ -111,7 +123,9 @@ class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
 
 
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
-    """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
+    """Central was away, and is back with all that it knew; every connection has broken
+    meanwhile.
+    """
 
     time: EntryTime
     away: EntryTime
@@ -121,13 +135,17 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     hold: bool = False
     """No task starts until somebody says so, not only until all are back."""
     skipped: int = 0
-    """Numbers that are not given: they may have been, and that was lost with the disk's last second."""
+    """Numbers that are not given: they may have been, and that was lost with the disk's last
+    second.
+    """
     aside: int = 0
     """Entries that the journal had of what was lost."""
 
 
 class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
-    """As an input: central failed in this request of the packet before, which is refused when it comes back."""
+    """As an input: central failed in this request of the packet before, which is refused when it
+    comes back.
+    """
 
     index: int
 

@@ -1,4 +1,6 @@
-"""Inputs as the events that they are: the daemon and whoever replays a log of inputs go through here."""
+"""Inputs as the events that they are: the daemon and whoever replays a log of inputs go through
+here.
+"""
 
 from collections.abc import Sequence
 
@@ -8,7 +10,9 @@ from tca_wire.packets import codec
 
 
 def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
-    """The events that an input is; the request of a packet that is to be *spared* is only refused."""
+    """The events that an input is; the request of a packet that is to be *spared* is only
+    refused.
+    """
     if isinstance(event, Spared):
         return ()
     if not isinstance(event, Arrived):
@@ -18,7 +22,11 @@ def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
         items = codec.unpack_to_central(event.packet)
     except ProtocolError as error:
         return (BadBytes(now, connection, str(error)),)
-    events: list[Event] = [RequestReceived(now, connection, header, body, principal) for header, body in items]
+    events: list[Event] = [
+        RequestReceived(now, connection, header, body, principal) for header, body in items
+    ]
     if 0 <= spared < len(events):
-        events[spared] = BadBytes(now, connection, "central ended by an error of its own in it: it is not tried again")
+        events[spared] = BadBytes(
+            now, connection, "central ended by an error of its own in it: it is not tried again"
+        )
     return events

@@ -1,4 +1,6 @@
-"""Whether the core is machine code, which an installation may have in place of the Python (setup.py)."""
+"""Whether the core is machine code, which an installation may have in place of the Python
+(setup.py).
+"""
 
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -31,7 +31,9 @@ class Present:
 
 
 class Waits(Present):
-    """The connections that do nothing until they are answered, and the search for circles among them."""
+    """The connections that do nothing until they are answered, and the search for circles among
+    them.
+    """
 
     __slots__ = ("blocked", "look_after", "may_have_closed", "next_look", "scan", "suspects")
 
@@ -39,15 +41,27 @@ class Waits(Present):
         Present.__init__(self, epoch)
         self.blocked: dict[Connection, None] = {}
         self.suspects: deque[Suspect] = deque()  #: these may have begun to wait for themselves
-        self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
+        self.look_after = (
+            0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
+        )
         self.next_look: Timer | None = None
         self.scan: object = None  #: a look that goes on then (deadlocks.py)
-        self.may_have_closed = False  #: something has happened since it began that may have closed a circle
+        self.may_have_closed = (
+            False  #: something has happened since it began that may have closed a circle
+        )
 
     def block(
-        self, connection: Connection, number: int, origin: int, *, brief: bool, others: Iterable[int] = ()
+        self,
+        connection: Connection,
+        number: int,
+        origin: int,
+        *,
+        brief: bool,
+        others: Iterable[int] = (),
     ) -> None:
-        """A connection does nothing until this request, or one of *others*, is answered. *Brief*: it is no deadlock."""
+        """A connection does nothing until this request, or one of *others*, is answered. *Brief*:
+        it is no deadlock.
+        """
         numbers = (number, *others)
         wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
         if brief:
@@ -55,9 +69,15 @@ class Waits(Present):
         else:
             self._block(connection, numbers, wait)
 
-    def block_coroutine(self, connection: Connection, numbers: tuple[int, ...], delivery: int) -> None:
-        """The handler of a delivery does nothing until one of these answers is there; its connection does."""
-        self._block(connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True))
+    def block_coroutine(
+        self, connection: Connection, numbers: tuple[int, ...], delivery: int
+    ) -> None:
+        """The handler of a delivery does nothing until one of these answers is there; its
+        connection does.
+        """
+        self._block(
+            connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True)
+        )
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
         connection.waits.update(dict.fromkeys(numbers, wait))
@@ -78,6 +98,9 @@ class Waits(Present):
     def unblock_coroutine(self, connection: Connection, delivery: int) -> None:
         """The handler of a delivery may go on."""
         waits = connection.waits.items()
-        found = next((number for number, wait in waits if wait.is_coroutine and wait.origin == delivery), None)
+        found = next(
+            (number for number, wait in waits if wait.is_coroutine and wait.origin == delivery),
+            None,
+        )
         if found is not None:
             self.unblock(connection, found)

@@ -1,4 +1,6 @@
-"""The state of central, and the ways in which anything leaves it. Holds no rule: those are in the rooms beside it."""
+"""The state of central, and the ways in which anything leaves it. Holds no rule: those are in the
+rooms beside it.
+"""
 
 import msgspec
 
@@ -49,10 +51,23 @@ from tca_wire.vocabulary import CENTRAL, Dropping, Due, MessageClass, Outcome, P
 class Collector(Stored):
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("answered", "connection", "end", "failures", "id", "message", "module_of", "number",
-                 "origin", "pending", "wanted")  # fmt: skip
+    __slots__ = (
+        "answered",
+        "connection",
+        "end",
+        "failures",
+        "id",
+        "message",
+        "module_of",
+        "number",
+        "origin",
+        "pending",
+        "wanted",
+    )
 
-    def __init__(self, connection: Connection, number: int, original: Delivery, wanted: int) -> None:
+    def __init__(
+        self, connection: Connection, number: int, original: Delivery, wanted: int
+    ) -> None:
         self.connection, self.number, self.wanted = connection, number, wanted
         self.id, self.message = original.id, original.message
         self.origin = original.origin  #: the delivery whose handler asks (0: none)
@@ -80,9 +95,13 @@ class TaskWait(Stored):
     def answer(self, central: "State", outcome: TaskOutcome) -> None:
         """Send the waiter the task's outcome."""
         if self.connection.outstanding.pop(self.number, None) is not None:
-            central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
+            central.facts.append(
+                facts.WaitEnded(self.connection.module.name, self.origin, self.task_id)
+            )
             result, failure, text, body = outcome
-            central.send(self.connection, self.number, Answer(self.number, result, failure, text), body)
+            central.send(
+                self.connection, self.number, Answer(self.number, result, failure, text), body
+            )
 
 
 class RestartHold(Stored):
@@ -97,8 +116,8 @@ class RestartHold(Stored):
 
 
 def is_own(delivery: Delivery) -> bool:
-    """Whether its own resource asks a slot that takes direct messages, too: it may be busy with one, which central does
-    not know.
+    """Whether its own resource asks a slot that takes direct messages, too: it may be busy with
+    one, which central does not know.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -112,19 +131,25 @@ def cancelled_header(delivery: Delivery) -> headers.Cancelled:
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
-def dropped_fact(delivery: Delivery, why: str, where: str = "", dropping: Dropping = Dropping.OTHER) -> facts.Dropped:
+def dropped_fact(
+    delivery: Delivery, why: str, where: str = "", dropping: Dropping = Dropping.OTHER
+) -> facts.Dropped:
     """The fact that a message, or a copy of it for one receiver, is dropped."""
     return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where, dropping)
 
 
-def lose(central: "State", delivery: Delivery, why: str, dropping: Dropping = Dropping.OTHER) -> None:
+def lose(
+    central: "State", delivery: Delivery, why: str, dropping: Dropping = Dropping.OTHER
+) -> None:
     """Drop a message, or a copy of it, that a handler should have had."""
     delivery.message.dropped += 1
     central.facts.append(dropped_fact(delivery, why, dropping=dropping))
 
 
 def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
-    """The header by which a handler gets a delivery, to be handled when it has handled so many before it."""
+    """The header by which a handler gets a delivery, to be handled when it has handled so many
+    before it.
+    """
     given_as, name = delivery.given_as, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
@@ -133,38 +158,78 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
 
 
 def _spent(what: str, held: int, most: int, advice: str) -> str:
-    return f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, or start central \
+    return (
+        f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, or start central \
 with more --memory"
+    )
 
 
 class State(Waits):
     """The parts, put together."""
 
-    __slots__ = ("agenda", "answers", "attached", "budget", "claimed_for", "claims", "collectors", "dispatcher",
-                 "hold", "is_disk_low", "lost", "memory", "observers", "registry", "taps", "tree", "untold",
-                 "variables", "watch_of_condition", "watches")  # fmt: skip
+    __slots__ = (
+        "agenda",
+        "answers",
+        "attached",
+        "budget",
+        "claimed_for",
+        "claims",
+        "collectors",
+        "dispatcher",
+        "hold",
+        "is_disk_low",
+        "lost",
+        "memory",
+        "observers",
+        "registry",
+        "taps",
+        "tree",
+        "untold",
+        "variables",
+        "watch_of_condition",
+        "watches",
+    )
 
     def __init__(self, epoch: str = "test") -> None:
         Waits.__init__(self, epoch)
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
-        self.registry, self.observers, self.variables, self.memory = Registry(), Observers(), Variables(), Memory()
-        self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
+        self.registry, self.observers, self.variables, self.memory = (
+            Registry(),
+            Observers(),
+            Variables(),
+            Memory(),
+        )
+        self.tree = TaskTree(
+            MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central")
+        )
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
-        self.watches: dict[int, Watch] = {}  #: the monitors that watch or are still to, by their tasks' ids
-        self.watch_of_condition: dict[int, Watch] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.claims: dict[tuple[Connection, int], ModuleClaim] = {}  #: by claimant and the request's number
-        self.claimed_for: dict[Delivery, list[ModuleClaim]] = {}  #: claims that end with a task or message
+        self.watches: dict[
+            int, Watch
+        ] = {}  #: the monitors that watch or are still to, by their tasks' ids
+        self.watch_of_condition: dict[
+            int, Watch
+        ] = {}  #: by delivery, the monitors whose conditions are being tested
+        self.claims: dict[
+            tuple[Connection, int], ModuleClaim
+        ] = {}  #: by claimant and the request's number
+        self.claimed_for: dict[
+            Delivery, list[ModuleClaim]
+        ] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.hold = RestartHold()
-        self.lost: list[tuple[int, int]] = []  #: numbers, from and to, that may have been given, and then were lost
+        self.lost: list[
+            tuple[int, int]
+        ] = []  #: numbers, from and to, that may have been given, and then were lost
         self.is_disk_low = False  #: no new tasks are taken
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """Give a message, which *is there* already or is sent now, to the handler in a slot: nothing else does."""
+        """Give a message, which *is there* already or is sent now, to the handler in a slot:
+        nothing else does.
+        """
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
@@ -175,9 +240,15 @@ class State(Waits):
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.numbers[slot],
-            delivery.nested, delivery.priority, began if began < now else 0.0,
-        )  # fmt: skip
+            delivery.given_as,
+            delivery.message_id,
+            resource.module,
+            resource.name,
+            resource.numbers[slot],
+            delivery.nested,
+            delivery.priority,
+            began if began < now else 0.0,
+        )
         self.facts.append(fact)
         if self.taps and taps_of(delivery):
             self.agenda.tap_events.append((delivery, DELIVERED))
@@ -200,31 +271,56 @@ class State(Waits):
             module = task.slot.module.name if task.slot is not None else ""
             self.tell_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
 
-    # --- observers --------------------------------------------------------------------------------------------------
+    # --- observers --------------------------------------------------------------------------------
 
     def tell_birth(self, task: Task) -> None:
         """Tell those who observe a task that it is new."""
         if self.observers.concern(task) and task.state == task.message.initial:
             module = task.sender.module.name if task.sender is not None else ""
-            self.tell_observers(task, "initiated", Party.CLIENT if module else Party.CENTRAL, module)
+            self.tell_observers(
+                task, "initiated", Party.CLIENT if module else Party.CENTRAL, module
+            )
 
     def tell_observers(
-        self, task: Task, transition: str, by: Party, module: str = "", text: str = "", data: bytes = b"",
-        *, outcome: Outcome | None = None,
-    ) -> None:  # fmt: skip
-        """Tell all who observe a task of a change; with its *outcome* it is over, and nobody observes it any more."""
+        self,
+        task: Task,
+        transition: str,
+        by: Party,
+        module: str = "",
+        text: str = "",
+        data: bytes = b"",
+        *,
+        outcome: Outcome | None = None,
+    ) -> None:
+        """Tell all who observe a task of a change; with its *outcome* it is over, and nobody
+        observes it any more.
+        """
         observers = list(self.observers.of(task)) if self.observers.concern(task) else []
         if not (observers or (outcome is not None and self.observers.others)):
             return
         change = StateChange(
-            TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body,
-            data, is_over=outcome is not None, outcome=outcome,
-        )  # fmt: skip
+            TaskId(int(task.id)),
+            task.message.name,
+            task.serial,
+            task.state,
+            transition,
+            by,
+            module,
+            text,
+            task.body,
+            data,
+            is_over=outcome is not None,
+            outcome=outcome,
+        )
         encoded = msgspec.msgpack.encode(change)
         for one in observers:
             self.tell_observer(one, encoded, task.state)
         if outcome is not None:
-            for one in [one for one in (*observers, *self.observers.others) if task.id in (one.task_id, one.below)]:
+            for one in [
+                one
+                for one in (*observers, *self.observers.others)
+                if task.id in (one.task_id, one.below)
+            ]:
                 self.end_observers_wait(one)
                 self.observers.remove(one)
                 one.connection.outstanding.pop(one.number, None)
@@ -244,13 +340,15 @@ class State(Waits):
         connection, number = observation.connection, observation.number
         wait = connection.pauses.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        others = wait.together if wait is not None and not wait.is_coroutine else ()  # a coroutine still awaits them
+        others = (
+            wait.together if wait is not None and not wait.is_coroutine else ()
+        )  # a coroutine still awaits them
         for one in (observation, *map(connection.outstanding.get, others)):
             if isinstance(one, Observation) and one.is_awaited:
                 one.is_awaited = False
                 self.facts.append(facts.WaitEnded(*one.wait))
 
-    # --- messages to modules ----------------------------------------------------------------------------------------
+    # --- messages to modules ----------------------------------------------------------------------
 
     def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a message that it is to handle when it has handled those before."""
@@ -265,7 +363,9 @@ class State(Waits):
         self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
 
     def outcome(self, task: Task) -> TaskOutcome:
-        """A task's outcome, failure's name, text, and data or result. A failure that was resolved is only named."""
+        """A task's outcome, failure's name, text, and data or result. A failure that was resolved
+        is only named.
+        """
         if task.failure is not None:
             failure, text, body = task.failure
             if not task.is_dealt_with:
@@ -279,13 +379,17 @@ class State(Waits):
     def note_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
     ) -> None:
-        """Note that a failure was raised on a task or message; beside the handler of a task by whom, and with what."""
+        """Note that a failure was raised on a task or message; beside the handler of a task by
+        whom, and with what.
+        """
         body = failure.body if is_beside else b""
         name, text, copy_of = failure.name, failure.text, delivery.copy_of
         self.facts.append(facts.Failed(delivery.id, name, text, is_beside, by, body, copy_of))
         self.failed[delivery.id] = str(delivery)
 
-    def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
+    def send(
+        self, connection: Connection, number: int, header: ToModule, body: bytes = b""
+    ) -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
         if connection.waits or connection.pauses:
             self.unblock(connection, number)
@@ -306,18 +410,25 @@ class State(Waits):
             self.tell(connection, headers.Refused(0, refusal, text))
 
     def set_limits(self, limits: LimitsSet) -> None:
-        """Other limits hold. Answers that are too much by them now are forgotten; all else stays."""
+        """Other limits hold. Answers that are too much by them now are forgotten; all else
+        stays.
+        """
         self.budget.share(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
         self.answers.give_way()
 
-    # --- the budget -------------------------------------------------------------------------------------------------
+    # --- the budget -------------------------------------------------------------------------------
 
     @property
     def message_bytes(self) -> int:
         """Bytes that messages, tasks and constraints hold."""
-        return self.dispatcher.bytes + self.tree.bytes + self.agenda.holds.edges * EDGE_BYTES + self.budget.collected
+        return (
+            self.dispatcher.bytes
+            + self.tree.bytes
+            + self.agenda.holds.edges * EDGE_BYTES
+            + self.budget.collected
+        )
 
     @property
     def declared_bytes(self) -> int:
@@ -333,7 +444,9 @@ class State(Waits):
         )
 
     def why_no_room(self, size: int) -> str:
-        """The reason why no message, with so many bytes and constraints, is let in; "" if there is room. Counts it."""
+        """The reason why no message, with so many bytes and constraints, is let in; "" if there is
+        room. Counts it.
+        """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
             return ""
@@ -346,12 +459,16 @@ class State(Waits):
             raise RequestError(Refusal.OVERLOAD, why)
 
     def keep_out(self, what: str, body: bytes) -> bool:
-        """Whether there is no room for a task that central would send itself; what, for people, is recorded then."""
+        """Whether there is no room for a task that central would send itself; what, for people, is
+        recorded then.
+        """
         if why := self.why_no_room(len(body)):
-            self.facts.append(facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}"))
+            self.facts.append(
+                facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
+            )
         return bool(why)
 
-    # --- endless chains ---------------------------------------------------------------------------------------------
+    # --- endless chains ---------------------------------------------------------------------------
 
     @property
     def tap_depth(self) -> int:
@@ -360,7 +477,9 @@ class State(Waits):
         return asking.tap_depth if asking is not None else 0
 
     def check_tap_depth(self, message: MessageType) -> None:
-        """Raises RequestError if a message would call a listener that is one too many in its chain of causes."""
+        """Raises RequestError if a message would call a listener that is one too many in its chain
+        of causes.
+        """
         if self.tap_depth < self.budget.tap_depth:
             return
         tap = next((tap for tap in message.taps if tap.is_heard), None)
@@ -381,22 +500,33 @@ class State(Waits):
             message.dropped += 1
             depth, most = parent.depth + 1, self.budget.task_depth
             text = f"{message.title} would stand {depth:,} tasks deep in the tree, and at most {most:,} are allowed"
-            raise RequestError(Refusal.OVERLOAD, f"{text}: send it under an older task, or set --task-depth of central")
+            raise RequestError(
+                Refusal.OVERLOAD,
+                f"{text}: send it under an older task, or set --task-depth of central",
+            )
 
     def check_declared(self, size: int) -> None:
-        """Raises RequestError if no so much more can be declared, attached, claimed or waited for."""
+        """Raises RequestError if no so much more can be declared, attached, claimed or waited
+        for.
+        """
         held, most = self.declared_bytes, self.budget.declared
         if held + size > most:
             self.budget.refused += 1
             what = "declarations, attachments, claims, waits and timers"
-            raise RequestError(Refusal.OVERLOAD, _spent(what, held, most, "end those that nobody needs"))
+            raise RequestError(
+                Refusal.OVERLOAD, _spent(what, held, most, "end those that nobody needs")
+            )
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
         """Answer that a request was done; *made* is the id that it made, or is about."""
         self.send(connection, number, headers.Accepted(number, TaskId(made)))
 
-    def accept_task(self, connection: Connection, number: int, task: TaskId, *, quiet: bool) -> None:
-        """Answer that a request has sent a task: at once or, if it was *quiet*, soon and with others."""
+    def accept_task(
+        self, connection: Connection, number: int, task: TaskId, *, quiet: bool
+    ) -> None:
+        """Answer that a request has sent a task: at once or, if it was *quiet*, soon and with
+        others.
+        """
         connection.remember_task(number, task)
         if not quiet:
             self.accept(connection, number, task)
@@ -412,7 +542,9 @@ class State(Waits):
         del self.untold[connection]
         self.tell(connection, headers.TasksMade(told))
 
-    def living(self, connection: Connection, number: int, task_id: TaskId, refused: str) -> Task | None:
+    def living(
+        self, connection: Connection, number: int, task_id: TaskId, refused: str
+    ) -> Task | None:
         """The task of that id; None, and the request is ignored, if it has ended or was killed."""
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
@@ -422,12 +554,16 @@ class State(Waits):
         return None
 
     def ignore(self, connection: Connection, number: int, text: str) -> None:
-        """A request came too late to change anything: whoever asked may have known no better (TCM: a warning)."""
+        """A request came too late to change anything: whoever asked may have known no better (TCM:
+        a warning).
+        """
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.accept(connection, number)
 
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
-        """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
+        """A handler that runs is told to clean up and return; its coroutine awaits nothing any
+        more.
+        """
         self.unblock_coroutine(slot, delivery.given_as)
         self.doubt(slot, delivery)
         self.tell(slot, cancelled_header(delivery))

@@ -56,7 +56,14 @@ from tca_wire.messages.declarations import (
     Query,
     Variable,
 )
-from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
+from tca_wire.messages.notices import (
+    HANDLERS_CHANGED,
+    MODULE_JOINED,
+    MODULE_LEFT,
+    Arrival,
+    Departure,
+    HandlerCount,
+)
 from tca_wire.points import Edge, Interval, Moment, Point
 from tca_wire.vocabulary import Condition, Outcome, Party, Refusal, Scope
 

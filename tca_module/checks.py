@@ -1,4 +1,6 @@
-"""Checks of users' arguments, before anything leaves: a MisuseError names the call, the value, and the remedy."""
+"""Checks of users' arguments, before anything leaves: a MisuseError names the call, the value, and
+the remedy.
+"""
 
 import contextlib
 import inspect
@@ -34,9 +36,13 @@ MOST_PENDING = 10_000  # central's own limit for one resource
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is some months
 
 EXECUTED: dict[type[Message[Any, Any]], str] = {
-    Goal: "goal", Command: "command", Query: "query", MultiQuery: "multi_query", Inform: "inform",
+    Goal: "goal",
+    Command: "command",
+    Query: "query",
+    MultiQuery: "multi_query",
+    Inform: "inform",
     Broadcast: "broadcast",
-}  # fmt: skip
+}
 """The classes of messages that are sent, and the calls that do it."""
 
 
@@ -60,7 +66,9 @@ class ArgumentKind(NamedTuple):
 
     def or_none(self, meaning: str = "") -> "ArgumentKind":
         """The same, or None, with its meaning."""
-        return ArgumentKind(f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value))
+        return ArgumentKind(
+            f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value)
+        )
 
 
 def quoted(names: Iterable[str], between: str = ", ") -> str:
@@ -77,14 +85,16 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
 
 
 def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
-    """Raise MisuseError for a name that is none of the known ones; *lacks* says what has it not, up to the name."""
+    """Raise MisuseError for a name that is none of the known ones; *lacks* says what has it not, up
+    to the name.
+    """
     if name not in (there := list(known)):
         raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
 
 
 def check_options(what: str, options: Mapping[str, Any], declared: type) -> None:
-    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind. *declared*: the
-    TypedDict that annotates each with its kind.
+    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind.
+    *declared*: the TypedDict that annotates each with its kind.
     """
     kinds = _kinds_of(declared)
     if unknown := sorted(options.keys() - kinds.keys()):
@@ -95,13 +105,21 @@ def check_options(what: str, options: Mapping[str, Any], declared: type) -> None
 
 @cache
 def _kinds_of(options: type) -> dict[str, ArgumentKind]:
-    return {name: hint.__metadata__[0] for name, hint in get_type_hints(options, include_extras=True).items()}
+    return {
+        name: hint.__metadata__[0]
+        for name, hint in get_type_hints(options, include_extras=True).items()
+    }
 
 
-def number(words: str, least: float, most: float = float("inf"), kind: Any = int | float) -> ArgumentKind:
+def number(
+    words: str, least: float, most: float = float("inf"), kind: Any = int | float
+) -> ArgumentKind:
     """A number between the two."""
     return ArgumentKind(
-        words, lambda value: isinstance(value, kind) and not isinstance(value, bool) and least <= value <= most
+        words,
+        lambda value: (
+            isinstance(value, kind) and not isinstance(value, bool) and least <= value <= most
+        ),
     )
 
 
@@ -122,26 +140,39 @@ def one_of(words: str, values: Iterable[object]) -> ArgumentKind:
 
 def list_of(words: str, kind: ArgumentKind) -> ArgumentKind:
     """A list or tuple of values of that kind."""
-    return ArgumentKind(words, lambda value: isinstance(value, list | tuple) and all(map(kind.fits, value)))
+    return ArgumentKind(
+        words, lambda value: isinstance(value, list | tuple) and all(map(kind.fits, value))
+    )
 
 
 def _is_text(text: Any) -> bool:
     """Python's names of files may have half a character, which can't be sent."""
-    return isinstance(text, str) and (text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text))
+    return isinstance(text, str) and (
+        text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text)
+    )
 
 
 FLAG = instance_of("True or False", bool)
 TEXT = ArgumentKind("a text that can be sent", _is_text)
-LABEL = ArgumentKind("a text that is not blank", lambda text: isinstance(text, str) and bool(text.strip()))
+LABEL = ArgumentKind(
+    "a text that is not blank", lambda text: isinstance(text, str) and bool(text.strip())
+)
 FUNCTION = ArgumentKind("a function", callable)
 FUNCTION_OR_NONE = FUNCTION.or_none()
-NAME = ArgumentKind(f"1 to {Limit.NAME:d} printable characters", lambda name: isinstance(name, str) and is_name(name))
+NAME = ArgumentKind(
+    f"1 to {Limit.NAME:d} printable characters",
+    lambda name: isinstance(name, str) and is_name(name),
+)
 NAME_OR_NONE = NAME.or_none()
 SECONDS = number("0 or more seconds, at most ten years", 0, LONGEST_TIME)
 SECONDS_OR_NONE = SECONDS.or_none()
-DURATION = ArgumentKind("more than 0 seconds, at most ten years", lambda value: SECONDS.fits(value) and value > 0)
+DURATION = ArgumentKind(
+    "more than 0 seconds, at most ten years", lambda value: SECONDS.fits(value) and value > 0
+)
 DURATION_OR_NONE = DURATION.or_none()
-PERIOD = number(f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", SHORTEST_PERIOD, LONGEST_PERIOD)
+PERIOD = number(
+    f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", SHORTEST_PERIOD, LONGEST_PERIOD
+)
 DELAY = number(f"0 to {LONGEST_PERIOD:g} seconds", 0, LONGEST_PERIOD)
 PATIENCE = number("0 or more seconds", 0)
 TIMEOUT = PATIENCE.or_none(" to wait for ever")
@@ -153,7 +184,9 @@ PENDING = whole(f"1 to {MOST_PENDING:,}", 1, MOST_PENDING).or_none()
 AMOUNT = whole("0 or more", 0)
 PLAN_AHEAD = AMOUNT.or_none(" for any number")
 PRIORITY = whole(
-    f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}", -HIGHEST_PRIORITY, HIGHEST_PRIORITY
+    f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}",
+    -HIGHEST_PRIORITY,
+    HIGHEST_PRIORITY,
 )
 NUMBER = whole("a number, as in the journal", 0)
 POINT = instance_of("a point of a task, such as task.achieving.end", Point)
@@ -187,29 +220,37 @@ def is_brief(call: object, timeout: float | None) -> bool:
     if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # as most are
         return False
     check(call, TIMEOUT, timeout=timeout)
-    return bool(timeout < BRIEF)  # numpy's floats, which are Python's too, compare to bools of their own
+    return bool(
+        timeout < BRIEF
+    )  # numpy's floats, which are Python's too, compare to bools of their own
 
 
-# --- messages --------------------------------------------------------------------------------------------------------
+# --- messages -------------------------------------------------------------------------------------
 
 
 def check_message(message: Any) -> None:
     """Raise MisuseError for a value that is no message, such as its name."""
     if not isinstance(message, Message):
-        raise MisuseError(f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)")
+        raise MisuseError(
+            f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)"
+        )
 
 
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
     """Raise MisuseError for a message of another class than those that *call* takes."""
     if not isinstance(message, wanted):
-        advice = f": use {EXECUTED[type(message)]}()" if type(message) in EXECUTED and not call else ""
+        advice = (
+            f": use {EXECUTED[type(message)]}()" if type(message) in EXECUTED and not call else ""
+        )
         classes, call = " or ".join(kind.__name__ for kind in wanted), call or EXECUTED[wanted[0]]
-        raise MisuseError(f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}")
+        raise MisuseError(
+            f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}"
+        )
 
 
 def check_handles(failure: Any, handler: Any) -> None:
-    """Raise MisuseError for an exception handler that can't take the data of *failure*. One of any failure (None) must
-    take None: what central raises, such as "timeout", has no data.
+    """Raise MisuseError for an exception handler that can't take the data of *failure*. One of any
+    failure (None) must take None: what central raises, such as "timeout", has no data.
     """
     if not isinstance(handler, ExceptionHandler):
         raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
@@ -217,29 +258,44 @@ def check_handles(failure: Any, handler: Any) -> None:
     if failure is None:
         if first_misfit(NO_DATA, handler.data.schema):
             advice = f"declare it without data, or with {handler.data} | None"
-            raise MisuseError(f"{wants}, and failures of central, such as 'timeout', have none: {advice}")
+            raise MisuseError(
+                f"{wants}, and failures of central, such as 'timeout', have none: {advice}"
+            )
     elif not isinstance(failure, Failure):
-        raise MisuseError(f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision'), or None")
-    elif handler.data.kind is not type(None) and (misfit := first_misfit(failure.data.schema, handler.data.schema)):
-        advice = f"declare both with the same type, or the exception handler without data ({misfit})"
+        raise MisuseError(
+            f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision'), or None"
+        )
+    elif handler.data.kind is not type(None) and (
+        misfit := first_misfit(failure.data.schema, handler.data.schema)
+    ):
+        advice = (
+            f"declare both with the same type, or the exception handler without data ({misfit})"
+        )
         raise MisuseError(f"{wants}, and failure '{failure.name}' has {failure.data}: {advice}")
 
 
-# --- functions -------------------------------------------------------------------------------------------------------
+# --- functions ------------------------------------------------------------------------------------
 
 
 def check_function(
-    what: str, function: Any, wanted: str, possible: Sequence[int] = (), *, may_be_async: bool = False
+    what: str,
+    function: Any,
+    wanted: str,
+    possible: Sequence[int] = (),
+    *,
+    may_be_async: bool = False,
 ) -> int:
-    """The least number of arguments a function takes, of the *possible* ones; *wanted* shows them, such as
-    "(sender, reply)". So a parameter with a default keeps that: ``lambda n=n: ...`` in a loop. Raises MisuseError for
-    what can't be called so, or must be awaited.
+    """The least number of arguments a function takes, of the *possible* ones; *wanted* shows them,
+    such as "(sender, reply)". So a parameter with a default keeps that: ``lambda n=n: ...`` in a
+    loop. Raises MisuseError for what can't be called so, or must be awaited.
     """
     if not callable(function):
         raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")
     name = getattr(function, "__qualname__", repr(function))
     if is_async(function) and not may_be_async:
-        raise MisuseError(f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function")
+        raise MisuseError(
+            f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function"
+        )
     possible = possible or (wanted.count(",") + 1,)
     try:
         signature = inspect.signature(function)

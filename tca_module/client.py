@@ -34,7 +34,9 @@ class Client(Sender):
         connection.root_sender = self
 
     def __repr__(self) -> str:
-        return f"client '{self._link.session.module}'" if self._link is not None else "a closed client"
+        return (
+            f"client '{self._link.session.module}'" if self._link is not None else "a closed client"
+        )
 
     @property
     def name(self) -> str:
@@ -46,18 +48,20 @@ class Client(Sender):
         """Central's address."""
         return self._opened().transport.address
 
-    def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
-        """Central's report on a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"
-        (how busy everything is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors, at
-        most 10,000 of each). Raises Timeout.
+    def status(
+        self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN
+    ) -> Any:
+        """Central's report on a topic, as plain values: "status", "modules", "messages", "tree",
+        "variables", "load" (how busy everything is, and the longest waits) or "attached" (exception
+        handlers, wiretaps and monitors, at most 10,000 of each). Raises Timeout.
         """
         check("status()", _TOPIC, topic=topic)
         check("status()", checks.TIMEOUT, timeout=timeout)
         return msgspec.msgpack.decode(self._ask_central(topic, timeout))
 
     def close(self) -> None:
-        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have, Refused
-        if a task that was sent was refused; twice does no harm.
+        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something
+        may not have, Refused if a task that was sent was refused; twice does no harm.
         """
         link = self._link
         _open.discard(self)
@@ -102,7 +106,9 @@ class Client(Sender):
 
     def _opened(self) -> Connection:
         if self._link is None:
-            raise MisuseError("this client is closed: use it inside its 'with' block, or connect() again")
+            raise MisuseError(
+                "this client is closed: use it inside its 'with' block, or connect() again"
+            )
         return self._link
 
     def _connection(self) -> Connection:
@@ -112,19 +118,26 @@ class Client(Sender):
 
 
 def connect(
-    name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2, *, linger: float = LINGER
+    name: str = "script",
+    central: CentralAddress = None,
+    patience: float = PATIENCE / 2,
+    *,
+    linger: float = LINGER,
 ) -> Client:
     """Connect to central from a program that is no module.
 
-    Raises CentralLost if no central answers within *patience* seconds. The end of its ``with`` block waits until all
-    that was sent has arrived, at most *linger* seconds; it raises NotSent if something may not have.
+    Raises CentralLost if no central answers within *patience* seconds. The end of its ``with``
+    block waits until all that was sent has arrived, at most *linger* seconds; it raises NotSent if
+    something may not have.
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     try:
         client = Client(open_connection(central, hello(name), patience), linger)
     except CentralLost as error:
-        raise CentralLost(str(error)) from None  # a short traceback: what a script shows that does not catch it
+        raise CentralLost(
+            str(error)
+        ) from None  # a short traceback: what a script shows that does not catch it
     _close_abandoned()
     _open.add(client)
     _close_at_end_of(os.getpid())
@@ -157,8 +170,8 @@ def _close_all() -> str:
 
 @atexit.register
 def _at_exit() -> None:
-    """Close the clients that nobody has closed. If messages may be lost, end the process with exit code 1: an error
-    would not change the exit code here.
+    """Close the clients that nobody has closed. If messages may be lost, end the process with exit
+    code 1: an error would not change the exit code here.
     """
     if lost := _close_all():
         logging.shutdown()
@@ -170,7 +183,9 @@ def _at_exit() -> None:
 
 @cache
 def _close_at_end_of(_process: int) -> None:
-    """Do the same at the end of a process of ``multiprocessing``, which may end without ``atexit``."""
+    """Do the same at the end of a process of ``multiprocessing``, which may end without
+    ``atexit``.
+    """
     processes: Any = sys.modules.get("multiprocessing.process")
     if processes is not None and processes.parent_process() is not None:
         sys.modules["multiprocessing.util"].Finalize(None, _at_end_of_child, exitpriority=_LAST)

@@ -29,7 +29,9 @@ from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
 
 ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
-"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the module."""
+"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the
+module.
+"""
 
 
 class TcaError(CopyableError):
@@ -54,19 +56,21 @@ class FormatRefused(Refused):
 
 
 class Deadlock(Refused):
-    """The wait would never end; the text names the circle. A handler that does not catch it fails with "deadlock"."""
+    """The wait would never end; the text names the circle. A handler that does not catch it fails
+    with "deadlock".
+    """
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted; also raised by calls that name a task from before a restart. Central
-    may have got the request: a goal, command or monitor is then killed as soon as it hears this program again, anything
-    else is done.
+    """Central does not answer, or was restarted; also raised by calls that name a task from before
+    a restart. Central may have got the request: a goal, command or monitor is then killed as soon
+    as it hears this program again, anything else is done.
     """
 
 
 class NotSent(CentralLost):
-    """So many messages, *number*, may not have arrived when their program left. Raised by the end of a ``with
-    connect()`` block, and by that of a module.
+    """So many messages, *number*, may not have arrived when their program left. Raised by the end
+    of a ``with connect()`` block, and by that of a module.
     """
 
     def __init__(self, number: int, text: str) -> None:
@@ -75,14 +79,15 @@ class NotSent(CentralLost):
 
 
 class Stopped(TcaError):
-    """The module was told to end: before central had welcomed it, or while a handler waited, which may clean up now. If
-    it does not catch this, it fails with "module lost", unless its task was killed.
+    """The module was told to end: before central had welcomed it, or while a handler waited, which
+    may clean up now. If it does not catch this, it fails with "module lost", unless its task was
+    killed.
     """
 
 
 class LockLost(TcaError):
-    """A lock or reservation was taken away, or central was restarted, before its release; others may have been let in.
-    A handler that does not catch it fails with "lock lost".
+    """A lock or reservation was taken away, or central was restarted, before its release; others
+    may have been let in. A handler that does not catch it fails with "lock lost".
     """
 
 
@@ -95,7 +100,9 @@ class VariableNotSet(TcaError, LookupError):
 
 
 class Timeout(TcaError, TimeoutError):
-    """An answer did not come in time: *what* says so, without advice; *can_wait*: the call's timeout= sets the time."""
+    """An answer did not come in time: *what* says so, without advice; *can_wait*: the call's
+    timeout= sets the time.
+    """
 
     def __init__(self, what: str, *, can_wait: bool = False) -> None:
         super().__init__(f"{what}; to wait longer give timeout=" if can_wait else what)
@@ -110,7 +117,9 @@ class RequestFailed(TcaError):
         summary = text.partition("\n")[0]  # of a traceback
         super().__init__(": ".join(filter(None, (f"{what} failed", failure, summary))))
         self.passed_on = ": ".join(filter(None, (f"{what} failed", summary)))
-        """The words of the failure of the same name that a handler has which does not catch this."""
+        """The words of the failure of the same name that a handler has which does not catch
+        this.
+        """
         self.failure = failure
         self.text = text
         self.body = body
@@ -149,8 +158,8 @@ class Rejected(TcaError):
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says why and by whom. A handler whose own task was killed, or is to be
-    handled again, may clean up now; not catching this is no failure.
+    """A goal or command was killed: ``why`` says why and by whom. A handler whose own task was
+    killed, or is to be handled again, may clean up now; not catching this is no failure.
     """
 
     def __init__(self, what: str, why: str) -> None:

@@ -8,8 +8,8 @@ from functools import partial
 
 
 def log_of(name: str) -> logging.Logger:
-    """The logger of a module. An error of a handler or filter that its user has added ends no thread of the module: it
-    is printed, as logging does with errors of its own handlers.
+    """The logger of a module. An error of a handler or filter that its user has added ends no
+    thread of the module: it is printed, as logging does with errors of its own handlers.
     """
     logger = logging.getLogger(f"tca.{name}")
     if not isinstance(logger.handle, partial):

@@ -12,15 +12,18 @@ class Period:
         """The first iteration is at *start*."""
         self.seconds = seconds
         self.due = start  #: of the present iteration
-        self.missed = 0  #: number of iterations that ended after the next was due, and of those left out
+        self.missed = (
+            0  #: number of iterations that ended after the next was due, and of those left out
+        )
         self.left_out = 0  #: of these, those left out
         self._start = start
         self._turn = 0
         self._before = start - seconds  # when the iteration before the present one was due
 
     def next(self, now: float, seconds: float) -> float:
-        """The present iteration ends: when the next is due. One that is late begins at once; whole periods that have
-        passed are left out. A new length of the period counts from the present iteration.
+        """The present iteration ends: when the next is due. One that is late begins at once; whole
+        periods that have passed are left out. A new length of the period counts from the present
+        iteration.
         """
         if seconds != self.seconds:
             self._start, self._turn, self.seconds = self.due, 0, seconds
@@ -34,8 +37,8 @@ class Period:
         return self.due
 
     def change(self, now: float, seconds: float) -> None:
-        """A new length of the period, from the iteration before the present one on. It moves the present one only if
-        that is not due yet: then to no time that is past.
+        """A new length of the period, from the iteration before the present one on. It moves the
+        present one only if that is not due yet: then to no time that is past.
         """
         if self.due > now:
             self.due = max(now, self._before + seconds)

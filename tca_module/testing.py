@@ -1,4 +1,5 @@
-"""LocalCentral: the real central inside your own process, for tests of modules without sockets or processes.
+"""LocalCentral: the real central inside your own process, for tests of modules without sockets or
+processes.
 
 ::
 
@@ -39,22 +40,31 @@ _QUIET_WITHIN = 5.0  # seconds of real time
 _TURN = 1.0  # seconds of real time after which a handler that does not wait for central no longer holds the others up
 
 _BEFORE_ALL = (
-    facts.ModuleJoined, facts.ResourceChanged, facts.FormatDefined, facts.HandlerAdded, facts.HandlerRemoved,
-)  # fmt: skip
+    facts.ModuleJoined,
+    facts.ResourceChanged,
+    facts.FormatDefined,
+    facts.HandlerAdded,
+    facts.HandlerRemoved,
+)
 """Facts of how programs come, which do so at once and in any order."""
 
 
 class LocalCentral:
     """The core of central, used from any thread.
 
-    With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a time, from one wait for
-    central to the next. What is due at one moment runs in the order in which modules began, then as their resources
-    were declared: so the same test has the same transcript. With that clock pass delays, deadlines, periods, durations,
-    times that locks wait, ``every``, ``after`` and the sleeps of tasks; ``timeout=`` of other waits takes real seconds.
+    With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a
+    time, from one wait for central to the next. What is due at one moment runs in the order in
+    which modules began, then as their resources were declared: so the same test has the same
+    transcript. With that clock pass delays, deadlines, periods, durations, times that locks wait,
+    ``every``, ``after`` and the sleeps of tasks; ``timeout=`` of other waits takes real seconds.
     """
 
     def __init__(
-        self, epoch: str = "local", *, check: Callable[[Central], None] | None = None, stepped: bool = False
+        self,
+        epoch: str = "local",
+        *,
+        check: Callable[[Central], None] | None = None,
+        stepped: bool = False,
     ) -> None:
         """*check* is called with central after every event."""
         self._check = check
@@ -64,17 +74,23 @@ class LocalCentral:
         self.core = Central(epoch)
         self._began = time.monotonic()
         self._stepped_to = 0.0
-        self._lock = threading.RLock()  # a LaterReply may be dropped, and so collected, at any instruction
+        self._lock = (
+            threading.RLock()
+        )  # a LaterReply may be dropped, and so collected, at any instruction
         self._numbers = itertools.count(1)
-        self._connections: dict[ConnectionId, LocalTransport] = {}  #: on a stepped clock as declared: see Module
+        self._connections: dict[
+            ConnectionId, LocalTransport
+        ] = {}  #: on a stepped clock as declared: see Module
         self._is_closed = False
         self._due = threading.Condition(self._lock)
         self._quiet = threading.Condition(self._lock)
-        self._clock = threading.Thread(target=self._tick, name="clock of the local central", daemon=True)
+        self._clock = threading.Thread(
+            target=self._tick, name="clock of the local central", daemon=True
+        )
         if not stepped:
             self._clock.start()
 
-    # --- time ------------------------------------------------------------------------------------------------------
+    # --- time -------------------------------------------------------------------------------------
 
     def now(self) -> float:
         """Seconds since central began."""
@@ -91,13 +107,19 @@ class LocalCentral:
                     self._due.wait(None if due is None else due - now)
 
     def advance(
-        self, seconds: float, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()
+        self,
+        seconds: float,
+        *,
+        timeout: float = _QUIET_WITHIN,
+        ignoring: Collection[Message[Any, Any]] = (),
     ) -> None:
-        """Let so many seconds pass on a stepped clock. Whatever is due meanwhile happens at its own time, and the next
-        only when all is quiet again. Raises what ``until_quiet`` does.
+        """Let so many seconds pass on a stepped clock. Whatever is due meanwhile happens at its own
+        time, and the next only when all is quiet again. Raises what ``until_quiet`` does.
         """
         if not self.is_stepped:
-            raise MisuseError("advance() needs a clock that stands still: make it with LocalCentral(stepped=True)")
+            raise MisuseError(
+                "advance() needs a clock that stands still: make it with LocalCentral(stepped=True)"
+            )
         checks.check("advance()", checks.SECONDS, seconds=seconds)
         until = self._stepped_to + seconds
         self.until_quiet(timeout=timeout, ignoring=ignoring)
@@ -109,21 +131,27 @@ class LocalCentral:
     def _next_due(self) -> float:
         with self._lock:
             callbacks = min((one.due for one in self._connections.values()), default=math.inf)
-            return min(math.inf if self.core.clock.next is None else self.core.clock.next, callbacks)
+            return min(
+                math.inf if self.core.clock.next is None else self.core.clock.next, callbacks
+            )
 
     def _step_to(self, moment: float) -> None:
         with self._lock:
             self._stepped_to = max(self._stepped_to, moment)
             self._handle(Tick(self._stepped_to))
 
-    # --- quiet -----------------------------------------------------------------------------------------------------
+    # --- quiet ------------------------------------------------------------------------------------
 
-    def until_quiet(self, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()) -> None:
-        """Wait until nothing is left to happen that needs no time: every handler has returned, or waits for central (a
-        reply, a task, a lock) or, in a coroutine or owing its reply, for anything else.
+    def until_quiet(
+        self, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()
+    ) -> None:
+        """Wait until nothing is left to happen that needs no time: every handler has returned, or
+        waits for central (a reply, a task, a lock) or, in a coroutine or owing its reply, for
+        anything else.
 
-        Threads of your own are not waited for. A handler that sleeps, or waits for something that only the test does,
-        is at work: name such messages in *ignoring*. Raises Timeout after *timeout* seconds of real time.
+        Threads of your own are not waited for. A handler that sleeps, or waits for something that
+        only the test does, is at work: name such messages in *ignoring*. Raises Timeout after
+        *timeout* seconds of real time.
         """
         checks.check("until_quiet()", checks.DURATION, timeout=timeout)
         checks.check("until_quiet()", checks.MESSAGES, ignoring=ignoring)
@@ -150,17 +178,23 @@ class LocalCentral:
 
     def may_take(self, transport: "LocalTransport") -> bool:
         """Whether the thread of a connection may have what has come for it. The lock is held."""
-        return not (self.is_stepped and transport.serves) or transport.has_turn or transport.is_overtime
+        return (
+            not (self.is_stepped and transport.serves)
+            or transport.has_turn
+            or transport.is_overtime
+        )
 
     def look(self) -> None:
         """Something has come, or a thread pauses: whose turn is it? The lock is held."""
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).call()  # of equals, the first
+            min(
+                waiting, key=lambda one: one.packets[0][0] if one.packets else 0
+            ).call()  # of equals, the first
         self._quiet.notify_all()
 
-    # --- what happened ---------------------------------------------------------------------------------------------
+    # --- what happened ----------------------------------------------------------------------------
 
     @property
     def facts(self) -> list[Fact]:
@@ -169,8 +203,8 @@ class LocalCentral:
             return [fact for entry in self.entries for fact in entry.facts]
 
     def transcript(self) -> str:
-        """What has happened, a line each, as ``tca log show`` says it; on a stepped clock with the time. How modules
-        join and declare is left out.
+        """What has happened, a line each, as ``tca log show`` says it; on a stepped clock with the
+        time. How modules join and declare is left out.
         """
         with self._lock:
             entries = self.entries[:]
@@ -180,20 +214,26 @@ class LocalCentral:
                 words, data = wording.words(fact), data_text(getattr(fact, "body", b""))
                 if not isinstance(fact, _BEFORE_ALL):
                     start = f"{entry.time:8.3f}  " if self.is_stepped else ""
-                    lines.append(f"{start}{facts.kind_of(fact)}: {words}" + (f": {data}" if data else ""))
+                    lines.append(
+                        f"{start}{facts.kind_of(fact)}: {words}" + (f": {data}" if data else "")
+                    )
         return "\n".join([*lines, ""])
 
-    # --- connections -----------------------------------------------------------------------------------------------
+    # --- connections ------------------------------------------------------------------------------
 
     def transport(self) -> "LocalTransport":
         """A new connection."""
         with self._lock:
-            transport = LocalTransport(self, ConnectionId(b"local %d" % next(self._numbers)), self._lock)
+            transport = LocalTransport(
+                self, ConnectionId(b"local %d" % next(self._numbers)), self._lock
+            )
             self._connections[transport.id] = transport
             return transport
 
     def restart(self, epoch: str) -> None:
-        """End and begin again with empty memory, as if central had crashed and its journal were lost."""
+        """End and begin again with empty memory, as if central had crashed and its journal were
+        lost.
+        """
         with self._lock:
             self.core = Central(epoch)
             for transport in self._connections.values():
@@ -220,7 +260,11 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                if isinstance(header, Hello) and header.connection and (known := self._connections.get(connection)):
+                if (
+                    isinstance(header, Hello)
+                    and header.connection
+                    and (known := self._connections.get(connection))
+                ):
                     known.serves = header.module
                 self._handle(RequestReceived(self.now(), connection, header, body))
             return True
@@ -232,7 +276,9 @@ class LocalCentral:
             for connection in [one.id for one in known if one.module.name == module]:
                 self._handle(ConnectionLost(self.now(), connection))
                 if (transport := self._connections.get(connection)) is not None:
-                    transport.arrive(pack_item(Unknown()))  # what is said to those who connect again
+                    transport.arrive(
+                        pack_item(Unknown())
+                    )  # what is said to those who connect again
             self.look()
 
     def closed(self, connection: ConnectionId) -> None:
@@ -245,7 +291,11 @@ class LocalCentral:
 
     def _handle(self, event: Event) -> None:
         self._let_happen(event)
-        while self.is_stepped and (due := self.core.clock.next) is not None and due <= self._stepped_to:
+        while (
+            self.is_stepped
+            and (due := self.core.clock.next) is not None
+            and due <= self._stepped_to
+        ):
             self._let_happen(Tick(self._stepped_to))
         self._due.notify()  # something may be due sooner than before
         self.look()
@@ -267,13 +317,17 @@ class LocalCentral:
 class LocalTransport:
     """One connection to a LocalCentral."""
 
-    def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock) -> None:
+    def __init__(
+        self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
+    ) -> None:
         self.id = connection
         self.serves = ""  #: the module whose messages its thread handles; "": it only sends
         self.is_paused = False  #: its thread waits
         self.has_turn = False  #: its thread was called, and has not paused since
         self._since = time.monotonic()  #: its thread runs
-        self.packets: deque[tuple[int, bytes]] = deque()  #: what has come, numbered in the order of all that comes
+        self.packets: deque[tuple[int, bytes]] = (
+            deque()
+        )  #: what has come, numbered in the order of all that comes
         self.due = math.inf  #: its thread has a callback to call then; of stepped clocks only
         self._central = central
         self._waker = Waker()
@@ -313,7 +367,9 @@ class LocalTransport:
         self._waker.set()
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        """The next packet; None if there is none in time, ``wake`` was called, or it is the moment *alarm*."""
+        """The next packet; None if there is none in time, ``wake`` was called, or it is the moment
+        *alarm*.
+        """
         with self._lock:
             if not self._central.is_stepped:
                 timeout_seconds = min(timeout_seconds, alarm - self._central.now())
@@ -370,7 +426,9 @@ class LocalTransport:
                 self._run()
 
     def has_arrived(self) -> bool:
-        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+        """Whether there is a packet to receive, or ``wake`` was called since this was asked
+        last.
+        """
         is_woken = self._waker.clear()
         with self._lock:
             return is_woken or self._has_some()

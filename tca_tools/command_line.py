@@ -1,6 +1,7 @@
 """The command ``tca``: finds its sub-commands among the installed packages.
 
-A sub-command is an entry point of the group "tca.commands"; it is imported when it is used, or listed in the help.
+A sub-command is an entry point of the group "tca.commands"; it is imported when it is used, or
+listed in the help.
 """
 
 import errno
@@ -56,7 +57,11 @@ class CommandLine(click.Group):
         width = formatter.width - column - 6
         for title, group in {**_GROUPS, "More": others}.items():
             found = [(name, self.get_command(ctx, name)) for name in group]
-            rows = [(name.ljust(column), one.get_short_help_str(width)) for name, one in found if one is not None]
+            rows = [
+                (name.ljust(column), one.get_short_help_str(width))
+                for name, one in found
+                if one is not None
+            ]
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
@@ -64,7 +69,9 @@ class CommandLine(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the arguments name. Raises UsageError, with the nearest name, if there is none."""
+        """The command that the arguments name. Raises UsageError, with the nearest name, if there
+        is none.
+        """
         known = self.list_commands(ctx)
         if not (args[0] in known or args[0].startswith("-") or ctx.resilient_parsing):
             advice = did_you_mean(args[0], known) or "'tca --help' lists them"
@@ -75,7 +82,9 @@ class CommandLine(click.Group):
         """Run the command. Output that finds no room is an error of one line."""
         replace_closed_streams()
         if isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(errors="backslashreplace")  # names may have characters that a terminal has not
+            sys.stdout.reconfigure(
+                errors="backslashreplace"
+            )  # names may have characters that a terminal has not
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
@@ -84,12 +93,18 @@ class CommandLine(click.Group):
         except OSError as error:
             if error.filename is not None or error.errno not in _NO_ROOM:
                 raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it fails again when the program ends
-            raise click.ClickException(f"the output can't be written: {error.strerror}: make room") from None
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+            )  # or it fails again when the program ends
+            raise click.ClickException(
+                f"the output can't be written: {error.strerror}: make room"
+            ) from None
         return result
 
 
-@click.group(cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands.")
+@click.group(
+    cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands."
+)
 @click.version_option(release(), prog_name="tca")
 def main() -> None:
     """Task Control Architecture: run, watch and understand robots of many programs."""
@@ -117,12 +132,17 @@ def _load(entry_point: EntryPoint) -> click.Command:
     try:
         command: click.Command = entry_point.load()
     except (ImportError, AttributeError) as error:
-        return _broken(entry_point.name, f"command '{entry_point.name}' can't be loaded ({error}): install tca anew")
+        return _broken(
+            entry_point.name,
+            f"command '{entry_point.name}' can't be loaded ({error}): install tca anew",
+        )
     return command
 
 
 def _broken(name: str, why: str) -> click.Command:
-    @click.command(name, short_help="(can't be loaded)", context_settings={"ignore_unknown_options": True})
+    @click.command(
+        name, short_help="(can't be loaded)", context_settings={"ignore_unknown_options": True}
+    )
     @click.argument("_arguments", nargs=-1)
     def broken(_arguments: tuple[str, ...]) -> None:
         raise click.ClickException(why)

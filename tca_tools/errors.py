@@ -42,8 +42,12 @@ class UnusableLog(ToolError):
 
 @contextmanager
 def extra(name: str, what: str, otherwise: str = "", package: str = "") -> Iterator[None]:
-    """A context for imports that need an extra. Raises ToolError, which says what is missing and what would do."""
+    """A context for imports that need an extra. Raises ToolError, which says what is missing and
+    what would do.
+    """
     try:
         yield
     except ImportError as error:
-        raise ToolError(missing_package(what, package or str(error.name).partition(".")[0], name, otherwise)) from None
+        raise ToolError(
+            missing_package(what, package or str(error.name).partition(".")[0], name, otherwise)
+        ) from None

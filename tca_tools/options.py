@@ -20,7 +20,9 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
 
     name = "seconds"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         try:
             seconds = float(value)
         except ValueError:
@@ -36,21 +38,33 @@ class _Measure(click.ParamType):  # type: ignore[type-arg]
     def __init__(self, name: str, units: dict[str, int]) -> None:
         self.name, self._units = name, units
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         number = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) ?([A-Za-z]*)", str(value))
         if number is None or number[2] not in self._units:
-            self.fail(f"{value!r}: give a number with one of {', '.join(filter(None, self._units))}", param, ctx)
+            self.fail(
+                f"{value!r}: give a number with one of {', '.join(filter(None, self._units))}",
+                param,
+                ctx,
+            )
         return float(number[1]) * self._units[number[2]]
 
 
 MOMENT = _Moment()
 AGE = _Measure("age", {"min": 60, "h": 3600, "d": 86400, "w": 7 * 86400})
 SIZE = _Measure("size", {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40})
-log_argument = click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
-force_option = click.option("--force", is_flag=True, help="Write over a file that no command of tca has made, too.")
+log_argument = click.argument(
+    "log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)
+)
+force_option = click.option(
+    "--force", is_flag=True, help="Write over a file that no command of tca has made, too."
+)
 
 
-def output_option(kinds: str, *, required: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def output_option(
+    kinds: str, *, required: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """The file of a command's result; *kinds*: the help."""
     path = click.Path(path_type=Path, dir_okay=False)
     return click.option("-o", "--output", type=path, required=required, help=kinds)
@@ -58,12 +72,26 @@ def output_option(kinds: str, *, required: bool = False) -> Callable[[Callable[.
 
 _SHARED = (
     log_argument,
-    click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."),
-    click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what went on until then."),
-    click.option("--at", metavar="SECONDS", type=MOMENT, help="As it was then, when nothing later was known."),
-    click.option("--module", "modules", metavar="NAME", multiple=True, help="Only this module's (repeatable)."),
     click.option(
-        "--task", metavar="TASK", help="Only this task and what is under it: its number, or a message's name."
+        "--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."
+    ),
+    click.option(
+        "--to", "end", metavar="SECONDS", type=MOMENT, help="Only what went on until then."
+    ),
+    click.option(
+        "--at", metavar="SECONDS", type=MOMENT, help="As it was then, when nothing later was known."
+    ),
+    click.option(
+        "--module",
+        "modules",
+        metavar="NAME",
+        multiple=True,
+        help="Only this module's (repeatable).",
+    ),
+    click.option(
+        "--task",
+        metavar="TASK",
+        help="Only this task and what is under it: its number, or a message's name.",
     ),
     force_option,
 )
@@ -96,12 +124,14 @@ def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) -> None:
-    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not; ToolError if there is
-    a file of that name that is none of ours.
+    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not;
+    ToolError if there is a file of that name that is none of ours.
     """
     if output and output.suffix not in kinds:
         known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
-        raise click.BadParameter(f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'")
+        raise click.BadParameter(
+            f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'"
+        )
     if output:
         check_free(output, force=force)
 

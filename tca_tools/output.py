@@ -1,8 +1,9 @@
 """Where a tool's result goes when it has a file name: the file, or one line that says why not.
 
-A report, chart or tree is made over and over, so what a command of ours has written may be written over, without a
-word. All else that is there may not, unless that is asked for, and a segment of a journal never. What is ours is known
-by a mark at its end, which readers of these formats skip; an export by what it begins with.
+A report, chart or tree is made over and over, so what a command of ours has written may be written
+over, without a word. All else that is there may not, unless that is asked for, and a segment of a
+journal never. What is ours is known by a mark at its end, which readers of these formats skip; an
+export by what it begins with.
 """
 
 from collections.abc import Iterator
@@ -28,8 +29,9 @@ _MARKS = {
 
 
 def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
-    """See, before long work, that nothing would be destroyed. Raises ToolError if there is a file that no command of
-    ours has written (an export is known by what it *begins* with; *force*: whatever it is), or a segment of a journal.
+    """See, before long work, that nothing would be destroyed. Raises ToolError if there is a file
+    that no command of ours has written (an export is known by what it *begins* with; *force*:
+    whatever it is), or a segment of a journal.
     """
     if path.suffix == SEGMENT_SUFFIX:
         raise ToolError(f"{path}: a journal's name: give another one")
@@ -55,20 +57,25 @@ def _is_ours(path: Path, begins: bytes) -> bool:
 
 
 def write_output(path: Path, content: str | bytes) -> None:
-    """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be written."""
+    """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be
+    written.
+    """
     with new_file(path) as stream:
         stream.write(content if isinstance(content, bytes) else content.encode())
         stream.write(_MARKS.get(path.suffix, b""))
 
 
 def show_text(text: str, path: Path | None) -> None:
-    """Print a text, or write it without its colours to a file. Raises ToolError if it can't be written."""
+    """Print a text, or write it without its colours to a file. Raises ToolError if it can't be
+    written.
+    """
     click.echo(text) if path is None else write_output(path, f"{click.unstyle(text)}\n")
 
 
 @contextmanager
 def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to be written bit by bit. It has its name only when all is written: no half of one looks like a whole.
+    """A file to be written bit by bit. It has its name only when all is written: no half of one
+    looks like a whole.
 
     Raises ToolError if it can't be written.
     """

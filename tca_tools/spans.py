@@ -1,4 +1,6 @@
-"""Spans of time: lanes in which they have room, how many overlap, how much of a window they cover, and which. Pure."""
+"""Spans of time: lanes in which they have room, how many overlap, how much of a window they cover,
+and which. Pure.
+"""
 
 import heapq
 from bisect import bisect_right
@@ -14,7 +16,9 @@ _T = TypeVar("_T")
 
 
 class Cover:
-    """Times at which at least *at_least* of some spans go on; of any window it tells, in O(log n), how much that is."""
+    """Times at which at least *at_least* of some spans go on; of any window it tells, in O(log n),
+    how much that is.
+    """
 
     def __init__(self, spans: Iterable[Span], at_least: int = 1) -> None:
         self._starts: list[float] = []
@@ -47,7 +51,9 @@ class Cover:
 
 
 class Lanes:
-    """Lanes, in each of which no spans overlap. A span gets the first that is free when it begins."""
+    """Lanes, in each of which no spans overlap. A span gets the first that is free when it
+    begins.
+    """
 
     def __init__(self) -> None:
         self._ends: list[float] = []
@@ -105,14 +111,18 @@ def most_at_once(spans: Iterable[Span]) -> int:
 
 
 class Overlaps(Generic[_T]):
-    """Things with a start and an end; of any window it tells, in O(log n) for each, which of them go on in it."""
+    """Things with a start and an end; of any window it tells, in O(log n) for each, which of them
+    go on in it.
+    """
 
     def __init__(self, things: Iterable[_T], span: Callable[[_T], Span]) -> None:
         spans = sorted(((*span(thing), thing) for thing in things), key=itemgetter(0))
         self._starts = [start for start, _, _ in spans]
         self._things = [thing for _, _, thing in spans]
         self._size = 1 << max(len(spans) - 1, 0).bit_length()
-        last = [-inf] * self._size + [end for _, end, _ in spans] + [-inf] * (self._size - len(spans))
+        last = (
+            [-inf] * self._size + [end for _, end, _ in spans] + [-inf] * (self._size - len(spans))
+        )
         for node in range(self._size - 1, 0, -1):
             last[node] = max(last[2 * node], last[2 * node + 1])
         self._last = last  # a tree: each node has the last end of all below it, node 1 of all

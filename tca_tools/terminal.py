@@ -1,4 +1,6 @@
-"""Text that fits a terminal: width, cutting, padding, and no control characters from foreign text."""
+"""Text that fits a terminal: width, cutting, padding, and no control characters from foreign
+text.
+"""
 
 import os
 import select
@@ -12,7 +14,9 @@ _LEAST_NAME = 6
 
 
 def line_width() -> int | None:
-    """The columns a line may take; None if nobody looks (a pipe or file), so nothing need be cut."""
+    """The columns a line may take; None if nobody looks (a pipe or file), so nothing need be
+    cut.
+    """
     if os.environ.get("COLUMNS", "").isdecimal() or sys.stdout.isatty():
         return shutil.get_terminal_size().columns
     return None
@@ -39,11 +43,15 @@ def cut(text: str, width: int | None) -> str:
 
 
 def cut_name(text: str, number: int, width: int) -> str:
-    """Cut a task's name but keep its number, and the text behind that if it has room: ``pour a … {24}``."""
+    """Cut a task's name but keep its number, and the text behind that if it has room: ``pour a …
+    {24}``.
+    """
     name, marker, after = text.rpartition(f" {{{number}}}")
     if not name or columns_of(text) <= width:
         return cut(text, width)
-    end = next((one for one in (marker + after, marker) if columns_of(one) + _LEAST_NAME <= width), "")
+    end = next(
+        (one for one in (marker + after, marker) if columns_of(one) + _LEAST_NAME <= width), ""
+    )
     return cut(name if end else text, width - columns_of(end)) + end
 
 

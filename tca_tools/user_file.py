@@ -1,5 +1,5 @@
-"""Runs a Python file of the user's, a scenario or properties to check, as ``python FILE`` does: it can import what lies
-beside it.
+"""Runs a Python file of the user's, a scenario or properties to check, as ``python FILE`` does: it
+can import what lies beside it.
 """
 
 import runpy
@@ -24,7 +24,11 @@ def names_of(path: Path) -> dict[str, Any]:
     try:
         return runpy.run_path(str(path), run_name=path.stem)
     except (Exception, SystemExit) as error:  # whatever it is, the fault is in the file
-        where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        where = [
+            frame.lineno
+            for frame in traceback.extract_tb(error.__traceback__)
+            if frame.filename == str(path)
+        ]
         line = f", line {where[-1]}" if where else ""
         raise BadUserFile(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from error
 

@@ -27,9 +27,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 _T = TypeVar("_T", bound=msgspec.Struct)
 
 
-def read_table(kind: type[_T], place: str, given: Any, defaults: dict[str, Any] | None = None) -> _T:
-    """The table that stands at a place of the file, with the tables inside it; the type of each field of *kind* has a
-    description. Raises BadUserFile.
+def read_table(
+    kind: type[_T], place: str, given: Any, defaults: dict[str, Any] | None = None
+) -> _T:
+    """The table that stands at a place of the file, with the tables inside it; the type of each
+    field of *kind* has a description. Raises BadUserFile.
     """
     check_table(place, given)
     given = {**(defaults or {}), **given}
@@ -63,19 +65,28 @@ def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) ->
         try:
             msgspec.convert(value, fields[key].type)
         except msgspec.ValidationError:
-            raise BadUserFile(f"{place}.{key} must be {_wanted(fields[key])}, not {shown(value)}") from None
+            raise BadUserFile(
+                f"{place}.{key} must be {_wanted(fields[key])}, not {shown(value)}"
+            ) from None
 
 
 def _kind_inside(field: msgspec.structs.FieldInfo) -> type[msgspec.Struct] | None:
     """The kind of the tables that a field holds, by name or in a list; None if it holds none."""
     inner = get_args(get_args(field.type)[0])[-1:]
-    return next((kind for kind in inner if isinstance(kind, type) and issubclass(kind, msgspec.Struct)), None)
+    return next(
+        (kind for kind in inner if isinstance(kind, type) and issubclass(kind, msgspec.Struct)),
+        None,
+    )
 
 
 def _tables_in(value: Any) -> Iterable[tuple[Any, Any]]:
     """Tables by name; a row of a list by its own name, or its number."""
     if isinstance(value, list):
-        return [(row.get("name", number), row) for number, row in enumerate(value, 1) if isinstance(row, dict)]
+        return [
+            (row.get("name", number), row)
+            for number, row in enumerate(value, 1)
+            if isinstance(row, dict)
+        ]
     return value.items() if isinstance(value, dict) else ()
 
 

@@ -1,1 +1,3 @@
-"""The shared language of modules and central: messages, formats, points, constraints, journal records."""
+"""The shared language of modules and central: messages, formats, points, constraints, journal
+records.
+"""

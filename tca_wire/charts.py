@@ -1,7 +1,7 @@
 """State machines as data: what a machine that runs tells those who watch it.
 
-A machine is a task. Its structure is the data of that task, and its progress says which of its states are active. So a
-late observer has both, and so has the journal.
+A machine is a task. Its structure is the data of that task, and its progress says which of its
+states are active. So a late observer has both, and so has the journal.
 """
 
 from enum import StrEnum
@@ -45,7 +45,11 @@ class StateKind(StrEnum):
     @property
     def is_container(self) -> bool:
         """Whether it holds states."""
-        return self.is_concurrent or self in (StateKind.SEQUENCE, StateKind.MACHINE, StateKind.COMPOUND)
+        return self.is_concurrent or self in (
+            StateKind.SEQUENCE,
+            StateKind.MACHINE,
+            StateKind.COMPOUND,
+        )
 
 
 class ChartState(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -69,8 +73,8 @@ class ChartArrow(msgspec.Struct, frozen=True):
     source: int
     target: int
     symbol: str
-    """Its event, with the guard in brackets: ``"done [box B is free]"``; "" where a task, or a container of tasks, has
-    completed.
+    """Its event, with the guard in brackets: ``"done [box B is free]"``; "" where a task, or a
+    container of tasks, has completed.
     """
 
 
@@ -81,7 +85,9 @@ class MachineChart(msgspec.Struct, frozen=True, omit_defaults=True):
     states: list[ChartState]
     arrows: list[ChartArrow] = []
     is_coordinated: bool = False
-    """Whether a coordinator runs it: then its progress is a ``CoordinationReport``, and else ``ActiveStates``."""
+    """Whether a coordinator runs it: then its progress is a ``CoordinationReport``, and else
+    ``ActiveStates``.
+    """
     agents: list[str] = []
     """The agents that a coordinator has for its tasks."""
 
@@ -90,12 +96,18 @@ class MachineChart(msgspec.Struct, frozen=True, omit_defaults=True):
         if not self.states:
             raise ValueError("a machine has a state, at least")
         for number, state in enumerate(self.states):
-            is_held = state.parent in numbers[:number] and self.states[state.parent].kind.is_container
+            is_held = (
+                state.parent in numbers[:number] and self.states[state.parent].kind.is_container
+            )
             if not is_held and state.parent != -1:
-                raise ValueError(f"state {number} stands in {state.parent}, which is no container before it")
+                raise ValueError(
+                    f"state {number} stands in {state.parent}, which is no container before it"
+                )
         for arrow in self.arrows:
             if arrow.source not in numbers or arrow.target not in numbers:
-                raise ValueError(f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states")
+                raise ValueError(
+                    f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states"
+                )
 
     def inside(self, number: int) -> list[int]:
         """The states that one holds, in their order; of -1, those that none holds."""

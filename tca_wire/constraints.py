@@ -1,4 +1,6 @@
-"""Temporal constraints: one shape, several good names. What they mean for a running tree is central's business."""
+"""Temporal constraints: one shape, several good names. What they mean for a running tree is
+central's business.
+"""
 
 from enum import IntFlag
 
@@ -6,11 +8,16 @@ import msgspec
 
 from tca_wire.points import ROOT, Moment, Point, TaskId
 
-_START_ACHIEVING, _END_ACHIEVING = Moment.START_ACHIEVING, Moment.END_ACHIEVING  # to look one up costs two calls
+_START_ACHIEVING, _END_ACHIEVING = (
+    Moment.START_ACHIEVING,
+    Moment.END_ACHIEVING,
+)  # to look one up costs two calls
 
 
 class Flags(IntFlag):
-    """Constraints of a new task relative to its *last sibling* or to itself (TCA 8.5: the ``tplConstr`` bit mask)."""
+    """Constraints of a new task relative to its *last sibling* or to itself (TCA 8.5: the
+    ``tplConstr`` bit mask).
+    """
 
     NONE = 0
     SEQ_ACH = 1  # end(achieving last) <= start(achieving this): the default
@@ -19,10 +26,13 @@ class Flags(IntFlag):
     DELAY_PLANNING = 8  # start(planning this) not before start(achieving this)
 
 
-class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, gc=False):
+class Constraint(
+    msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, gc=False
+):
     """Point *after* is reached no earlier than *delay* seconds after point *before*.
 
-    Points of the root stand for the time at which central takes the constraint; in the journal, for its clock's 0.
+    Points of the root stand for the time at which central takes the constraint; in the journal, for
+    its clock's 0.
     """
 
     before: Point
@@ -57,9 +67,13 @@ def delay_planning(task: TaskId) -> Constraint:
 
 def not_before(task: TaskId, seconds: float) -> Constraint:
     """*task* is not started, planning included, within *seconds* from now."""
-    return Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(task, Moment.START_HANDLING), seconds)
+    return Constraint(
+        Point(ROOT, Moment.START_ACHIEVING), Point(task, Moment.START_HANDLING), seconds
+    )
 
 
 def plan_ahead(behind: TaskId, task: TaskId) -> Constraint:
-    """*task* is not planned until *behind* is being achieved (bounds how far planning runs ahead)."""
+    """*task* is not planned until *behind* is being achieved (bounds how far planning runs
+    ahead).
+    """
     return Constraint(Point(behind, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))

@@ -1,6 +1,7 @@
 """Coordination with a preview, as data: the progress of a coordinator.
 
-It says which state its machine (``charts``) is in, which states it foresees, and which of its tasks are early.
+It says which state its machine (``charts``) is in, which states it foresees, and which of its tasks
+are early.
 """
 
 from enum import StrEnum
@@ -30,10 +31,12 @@ class Reason(StrEnum):
     REPEATED = "repeated"
     """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
     NEEDS = "needs"
-    """A fact that it needs does not hold now, or holds only because of early work that may be in vain."""
+    """A fact that it needs does not hold now, or holds only because of early work that may be in
+    vain.
+    """
     CONFLICT = "conflict"
-    """An activity that comes before it, or that runs, makes or needs the same variable; or its tasks of last time have
-    not ended.
+    """An activity that comes before it, or that runs, makes or needs the same variable; or its
+    tasks of last time have not ended.
     """
     BRANCH = "branch"
     """On another branch, a state may need what it changes, and it can't be undone."""
@@ -55,7 +58,9 @@ class Objection(msgspec.Struct, frozen=True, omit_defaults=True):
     name: str = ""
     """Of the variable or agent that it is about."""
     other: int = -1
-    """The other state: of the activity in conflict, where the branch begins, or whose progress the utility counts."""
+    """The other state: of the activity in conflict, where the branch begins, or whose progress the
+    utility counts.
+    """
 
 
 class TaskRole(StrEnum):
@@ -90,7 +95,9 @@ class CoordinationReport(msgspec.Struct, frozen=True):
     current: int
     """The state that the machine is in; always one that holds no other."""
     taken: str = ""
-    """The symbol of the transition that was taken just now; "" if the state is the same as before."""
+    """The symbol of the transition that was taken just now; "" if the state is the same as
+    before.
+    """
     before: int = -1
     """The state that was left by that transition."""
     preview: list[Foreseen] = []

@@ -10,11 +10,20 @@ from pathlib import Path
 VARIABLE = "TCA_CENTRAL"
 
 _DIGITS = 6
-_HERE = ("tcp://127.0.0.1", "tcp://localhost", "tcp://[::1]", "tcp://0.0.0.0", "tcp://*", "tcp://[::]")
+_HERE = (
+    "tcp://127.0.0.1",
+    "tcp://localhost",
+    "tcp://[::1]",
+    "tcp://0.0.0.0",
+    "tcp://*",
+    "tcp://[::]",
+)
 
 
 def default_folder() -> Path:
-    """The folder of the default socket: ``$XDG_RUNTIME_DIR/tca``, or ``/tmp/tca-<user id>``. It may not exist."""
+    """The folder of the default socket: ``$XDG_RUNTIME_DIR/tca``, or ``/tmp/tca-<user id>``. It may
+    not exist.
+    """
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "tca" if runtime else Path("/tmp") / f"tca-{os.getuid()}"  # noqa: S108
 
@@ -38,20 +47,26 @@ def home(instead: str) -> Path:
 
 
 def default_journals() -> Path:
-    """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below ``~/.local/state``."""
+    """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below
+    ``~/.local/state``.
+    """
     state = os.environ.get("XDG_STATE_HOME") or home("XDG_STATE_HOME") / ".local" / "state"
     return Path(state) / "tca" / "journals"
 
 
 def new_journal() -> Path:
-    """The folder of a run that begins now. Its name begins with a number: a robot's clock may not order runs."""
+    """The folder of a run that begins now. Its name begins with a number: a robot's clock may not
+    order runs.
+    """
     folder = default_journals()
     last = max(map(run_number, folder.iterdir()), default=0) if folder.is_dir() else 0
     return folder / f"{last + 1:0{_DIGITS}}-{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
 
 
 def run_number(folder: Path) -> int:
-    """The number of the run in a folder that ``new_journal`` has named: a later run has a larger one; else 0."""
+    """The number of the run in a folder that ``new_journal`` has named: a later run has a larger
+    one; else 0.
+    """
     number, _, _ = folder.name.partition("-")
     return int(number) if len(number) >= _DIGITS and number.isdecimal() else 0
 
@@ -62,7 +77,9 @@ def by_number(folders: Iterable[Path]) -> list[Path]:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only this machine reaches an address. Names may lead anywhere, so only that of ``localhost`` counts."""
+    """Whether only this machine reaches an address. Names may lead anywhere, so only that of
+    ``localhost`` counts.
+    """
     host = address.removeprefix("tcp://").rpartition(":")[0].removeprefix("[").removesuffix("]")
     try:
         return host == "localhost" or ip_address(host).is_loopback
@@ -71,7 +88,9 @@ def is_loopback(address: str) -> bool:
 
 
 def journal_link(address: str) -> Path:
-    """The link that the central at an address leaves to its journal, if any. All names of a local port are one."""
+    """The link that the central at an address leaves to its journal, if any. All names of a local
+    port are one.
+    """
     host, _, port = address.rpartition(":")
     key = f"port {port}" if host in _HERE else address
     return default_journals().parent / "centrals" / sha256(key.encode()).hexdigest()[:16]

@@ -5,7 +5,8 @@ WireError            do not raise or catch this one; it groups the others
 ├── BadData          user data does not fit the format of its message
 ├── BadFormat        a type cannot be a message format
 ├── KeyRefused       a key file can't be used, or may not be
-└── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its tail
+└── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its
+tail
 """
 
 from typing import Any
@@ -19,7 +20,9 @@ class CopyableError(Exception):
 
 
 def _restored(kind: type[BaseException], arguments: tuple[Any, ...]) -> BaseException:
-    """The exception without its attributes. Its constructor may take others than were given to its base's."""
+    """The exception without its attributes. Its constructor may take others than were given to its
+    base's.
+    """
     error = kind.__new__(kind)
     error.args = arguments
     return error

@@ -1,7 +1,8 @@
-"""Key files: what a program shows a central that other machines can reach, and the one central that it trusts.
+"""Key files: what a program shows a central that other machines can reach, and the one central that
+it trusts.
 
-A client's file holds its own pair of CURVE keys and the public key of its central. Secret files are for nobody else's
-eyes: one that others may read is refused.
+A client's file holds its own pair of CURVE keys and the public key of its central. Secret files are
+for nobody else's eyes: one that others may read is refused.
 """
 
 import os
@@ -41,7 +42,9 @@ class ClientKey(NamedTuple):
 
 
 def keys_folder() -> Path:
-    """The folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or ``~/.config``. It may not exist."""
+    """The folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or ``~/.config``.
+    It may not exist.
+    """
     if named := os.environ.get(FOLDER_VARIABLE):
         return Path(named)
     config = os.environ.get("XDG_CONFIG_HOME") or home(FOLDER_VARIABLE) / ".config"
@@ -91,12 +94,15 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
 def read_client_key(path: Path) -> ClientKey:
     """The key in a client's file. Raises KeyRefused."""
     found = read_secret(path, "public", "secret", "central")
-    return ClientKey(found.get("name", path.stem), found["public"], found["secret"], found["central"])
+    return ClientKey(
+        found.get("name", path.stem), found["public"], found["secret"], found["central"]
+    )
 
 
 def client_key(address: str) -> ClientKey | None:
-    """The key to show the central at an address: that of ``$TCA_KEY``, a file or a name in the folder of keys, else
-    'default', if there is one. None over Unix sockets, where the kernel says who comes. Raises KeyRefused.
+    """The key to show the central at an address: that of ``$TCA_KEY``, a file or a name in the
+    folder of keys, else 'default', if there is one. None over Unix sockets, where the kernel says
+    who comes. Raises KeyRefused.
     """
     if not address.startswith("tcp://"):
         return None

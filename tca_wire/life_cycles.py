@@ -1,7 +1,9 @@
-"""Life cycles of tasks, as tables: the states that client and server of a task see, and who may take which transition.
+"""Life cycles of tasks, as tables: the states that client and server of a task see, and who may
+take which transition.
 
-After Lütkebohle et al., "The Task-State Pattern": figure 2 is ``BASIC``, figure 10 is ``GENERAL``, which every goal and
-command has that is declared with no other. What they all share is a beginning, and two ends: *done* and *cancelled*.
+After Lütkebohle et al., "The Task-State Pattern": figure 2 is ``BASIC``, figure 10 is ``GENERAL``,
+which every goal and command has that is declared with no other. What they all share is a beginning,
+and two ends: *done* and *cancelled*.
 """
 
 import json
@@ -52,9 +54,14 @@ class LifeCycle:
     """
 
     def __init__(
-        self, name: str, transitions: Iterable[Transition], *, initial: str = "initiated", done: str = "done",
+        self,
+        name: str,
+        transitions: Iterable[Transition],
+        *,
+        initial: str = "initiated",
+        done: str = "done",
         cancelled: str = "cancelled",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name, self.initial, self.done, self.cancelled = name, initial, done, cancelled
         self.transitions = tuple(transitions)
         for row in self.transitions:
@@ -79,7 +86,9 @@ class LifeCycle:
     @property
     def active(self) -> tuple[str, ...]:
         """The states of a task that has been accepted and has not ended."""
-        return tuple(state for state in self.states if state not in (self.initial, self.done, self.cancelled))
+        return tuple(
+            state for state in self.states if state not in (self.initial, self.done, self.cancelled)
+        )
 
     def is_over(self, state: str) -> bool:
         """Whether that state is an end."""
@@ -92,28 +101,54 @@ class LifeCycle:
 
     def sources(self, name: str, by: Party) -> list[str]:
         """The states in which that party may take the transition of that name."""
-        return [one.source for one in self.transitions if one.name == name and one.by in (by, Party.BOTH)]
+        return [
+            one.source
+            for one in self.transitions
+            if one.name == name and one.by in (by, Party.BOTH)
+        ]
 
     def names(self, by: Party) -> list[str]:
         """The transitions that a party may take in some state."""
-        return list(dict.fromkeys(one.name for one in self.transitions if one.by in (by, Party.BOTH)))
+        return list(
+            dict.fromkeys(one.name for one in self.transitions if one.by in (by, Party.BOTH))
+        )
 
     def ending(self, state: str, end: str, outcome: Outcome) -> str:
-        """The name of the transition from *state* to that *end*: the first in the table that fits the outcome."""
+        """The name of the transition from *state* to that *end*: the first in the table that fits
+        the outcome.
+        """
         if outcome is Outcome.RESOLVED:  # that is no way that its server takes
             return str(outcome)
         rows = (one for one in self.transitions if (one.source, one.target) == (state, end))
-        is_kill = outcome is Outcome.KILLED  # only a kill takes the way of a client's cancel, and no other
-        ways = [one.name for one in rows if end == self.done or (one.effect is Effect.STOP) is is_kill]
+        is_kill = (
+            outcome is Outcome.KILLED
+        )  # only a kill takes the way of a client's cancel, and no other
+        ways = [
+            one.name for one in rows if end == self.done or (one.effect is Effect.STOP) is is_kill
+        ]
         return ways[0] if ways else ("completed" if end == self.done else str(outcome))
 
     def refusal(self, state: str) -> Transition | None:
         """The transition by which the server refuses what a client has asked for."""
-        return next((one for one in self.transitions if one.source == state and one.effect is Effect.REFUSE), None)
+        return next(
+            (
+                one
+                for one in self.transitions
+                if one.source == state and one.effect is Effect.REFUSE
+            ),
+            None,
+        )
 
     def grant(self, state: str) -> Transition | None:
         """The transition by which the server takes over the goal that a client has asked for."""
-        return next((one for one in self.transitions if one.source == state and one.effect is Effect.TAKE_GOAL), None)
+        return next(
+            (
+                one
+                for one in self.transitions
+                if one.source == state and one.effect is Effect.TAKE_GOAL
+            ),
+            None,
+        )
 
     def ends_on_request(self, state: str) -> bool:
         """Whether the server may end the task out of this state because a client wants that."""
@@ -128,12 +163,18 @@ class LifeCycle:
     def text(self) -> str:
         """The table as text, by which central compares the declarations of a message."""
         rows = json.loads(msgspec.json.encode(self.transitions))
-        return json.dumps([self.name, self.initial, self.done, self.cancelled, rows], separators=(",", ":"))
+        return json.dumps(
+            [self.name, self.initial, self.done, self.cancelled, rows], separators=(",", ":")
+        )
 
-    # --- checks ------------------------------------------------------------------------------------------------------
+    # --- checks -----------------------------------------------------------------------------------
 
     def _accepts(self, one: Transition) -> bool:
-        is_first = one.source == self.initial and not self.is_over(one.target) and one.target != self.initial
+        is_first = (
+            one.source == self.initial
+            and not self.is_over(one.target)
+            and one.target != self.initial
+        )
         return is_first and one.by is not Party.CLIENT and not one.effect
 
     def _check(self) -> None:
@@ -141,7 +182,9 @@ class LifeCycle:
             if not isinstance(name, str) or not is_name(name):
                 self._refuse(f"{name!r:.40} is no name: give a few printable characters")
         if len(self.transitions) > MOST_TRANSITIONS:
-            self._refuse(f"{len(self.transitions)} transitions are too many: {MOST_TRANSITIONS} are allowed")
+            self._refuse(
+                f"{len(self.transitions)} transitions are too many: {MOST_TRANSITIONS} are allowed"
+            )
         if len({self.initial, self.done, self.cancelled}) < 3:
             self._refuse("its first state and its two ends must be three states")
         if len(self.steps) < len(self.transitions):
@@ -153,7 +196,9 @@ class LifeCycle:
         for one in self.transitions:
             self._check_row(one)
         if not any(self._accepts(one) for one in self.transitions):
-            self._refuse(f"no transition of the server leads from '{self.initial}' to a state in which the task runs")
+            self._refuse(
+                f"no transition of the server leads from '{self.initial}' to a state in which the task runs"
+            )
         self._check_ways()
 
     def _check_row(self, one: Transition) -> None:
@@ -166,7 +211,9 @@ class LifeCycle:
             self._refuse(f"{where}: {one.effect!r:.40} is no Effect")
         wanted = Party.CLIENT if one.effect is Effect.NEW_GOAL else Party.SERVER
         if one.effect and one.by is not wanted:
-            self._refuse(f"{where}: only the {wanted} takes a transition with the effect '{one.effect}'")
+            self._refuse(
+                f"{where}: only the {wanted} takes a transition with the effect '{one.effect}'"
+            )
         if one.by is not Party.SERVER and self.is_over(one.target):
             self._refuse(
                 f"{where}: the server ends a task, a client asks for it: lead to a state that the server leaves"
@@ -178,10 +225,14 @@ class LifeCycle:
         met = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
         if lost := [state for state in self.states if state not in met]:
             self._refuse(f"'{lost[0]}' is never reached from '{self.initial}'")
-        backwards = [(one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT]
+        backwards = [
+            (one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT
+        ]
         can_end = _reachable([self.done, self.cancelled], backwards)
         if stuck := [state for state in self.states if state not in can_end]:
-            self._refuse(f"the server can't end a task that is '{stuck[0]}': add a way to an end, see ending()")
+            self._refuse(
+                f"the server can't end a task that is '{stuck[0]}': add a way to an end, see ending()"
+            )
 
     def _refuse(self, why: str) -> None:
         raise BadFormat(f"life cycle {self.name!r:.40} can't be: {why}")
@@ -201,7 +252,9 @@ def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
 
 
 def ending(*states: str, done: str = "done", cancelled: str = "cancelled") -> list[Transition]:
-    """The rows by which the server ends a task that is in one of these states: completed, or failed."""
+    """The rows by which the server ends a task that is in one of these states: completed, or
+    failed.
+    """
     return [
         row
         for state in states
@@ -256,6 +309,7 @@ GENERAL = LifeCycle(
         *ending("running", "update requested", "cancel requested"),
     ],
 )
-"""Figure 10: also the goal of a running task may be changed, it may be cancelled, and there are intermediate results. A
-task may be cancelled before it is accepted, too: a cancel must not be lost because it came early.
+"""Figure 10: also the goal of a running task may be changed, it may be cancelled, and there are
+intermediate results. A task may be cancelled before it is accepted, too: a cancel must not be lost
+because it came early.
 """

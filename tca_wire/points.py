@@ -1,4 +1,6 @@
-"""The moments of a task: three intervals with a start and an end each. Knows nothing of order or rules."""
+"""The moments of a task: three intervals with a start and an end each. Knows nothing of order or
+rules.
+"""
 
 from enum import IntFlag, StrEnum
 from typing import NewType
@@ -43,7 +45,9 @@ class Moment(IntFlag):
 START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
 START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
 START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
-"""The moments as plain integers, for sets of them: combining members of an IntFlag costs a microsecond each."""
+"""The moments as plain integers, for sets of them: combining members of an IntFlag costs a
+microsecond each.
+"""
 
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63

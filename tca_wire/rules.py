@@ -1,9 +1,10 @@
-"""The rules of moments and wiretaps, as tables: central carries them out, the tools explain and check by them.
+"""The rules of moments and wiretaps, as tables: central carries them out, the tools explain and
+check by them.
 
-Theory of operation (TCA 8.5 and TCM: intra-node rules). A goal's handling and planning start together, as soon as
-planning may start, even while its achievement is still held back: that is planning ahead. A command is a leaf of
-planning: its planning interval is over when it is created; its handling and achieving start together. Both end
-achieving last.
+Theory of operation (TCA 8.5 and TCM: intra-node rules). A goal's handling and planning start
+together, as soon as planning may start, even while its achievement is still held back: that is
+planning ahead. A command is a leaf of planning: its planning interval is over when it is created;
+its handling and achieving start together. Both end achieving last.
 
     goal      start handling = start planning ─► start achieving ─────────────► end achieving
                      └─► end handling ─► end planning ─────────────────────────────┘
@@ -23,7 +24,7 @@ from tca_wire.points import (
 )
 from tca_wire.vocabulary import Condition, MessageClass
 
-# --- moments of one task ---------------------------------------------------------------------------------------------
+# --- moments of one task --------------------------------------------------------------------------
 
 
 Order = tuple[tuple[int, int], ...]
@@ -37,7 +38,9 @@ class TaskRules(NamedTuple):
     delivery: int
     """Those that it reaches together when a handler gets it."""
     order: Order
-    """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
+    """Moments, each with those that come directly before it, in an order in which one pass reaches
+    all.
+    """
     no_later: dict[int, int]
     """Each moment with all that are reached no later; nothing for those reached at birth."""
 
@@ -80,13 +83,15 @@ RULES = (NO_GOAL, GOAL)
 """The rules of a task, by whether it is a goal."""
 
 
-# --- parents and children --------------------------------------------------------------------------------------------
+# --- parents and children -------------------------------------------------------------------------
 
 PARENT_FIRST = START_PLANNING | START_ACHIEVING
-"""Moments that a task reaches no sooner than its parent; what central sends for a reason of its own is free."""
+"""Moments that a task reaches no sooner than its parent; what central sends for a reason of its own
+is free.
+"""
 
 
-# --- wiretaps --------------------------------------------------------------------------------------------------------
+# --- wiretaps -------------------------------------------------------------------------------------
 
 DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
 """Further events of a message beside its moments, as bits: a wiretap may be fired by them."""
@@ -110,19 +115,25 @@ class TapRule(NamedTuple):
     holds_until: int = 0
     """The listener's moment that the tapped task's moment waits for."""
     is_child: bool = False
-    """The listener is a child of the tapped task: its failure is looked after there, and it dies with it."""
+    """The listener is a child of the tapped task: its failure is looked after there, and it dies
+    with it.
+    """
     lasts_until: int = 0
     """The moment of the tapped task at which its listeners end."""
 
     @property
     def finds_it_alive(self) -> bool:
-        """Whether a tapped task still has its end before it: polling and demon monitors that listen hang under it."""
+        """Whether a tapped task still has its end before it: polling and demon monitors that listen
+        hang under it.
+        """
         return self.is_child or bool(self.lasts_until) or self.at == SENT
 
 
 CONDITIONS = {
     Condition.WHEN_SENT: TapRule(_ANY, at=SENT),
-    Condition.BEFORE_HANDLING: TapRule(_ANY, before=START_HANDLING, holds_until=END_HANDLING, is_child=True),
+    Condition.BEFORE_HANDLING: TapRule(
+        _ANY, before=START_HANDLING, holds_until=END_HANDLING, is_child=True
+    ),
     Condition.WHILE_HANDLING: TapRule(_ANY, at=DELIVERED, lasts_until=END_HANDLING),
     Condition.AFTER_HANDLED: TapRule(_ANY, at=RETURNED),
     Condition.AFTER_REPLIED: TapRule(_REPLIES, at=REPLIED),
@@ -130,17 +141,23 @@ CONDITIONS = {
     Condition.AFTER_FAILURE: TapRule(_HANDLED, at=FAILURE),
     Condition.WHEN_SUCCESS: TapRule(_HANDLED, at=SUCCESS, is_child=True),
     Condition.WHEN_FAILURE: TapRule(_HANDLED, at=FAILURE, is_child=True),
-    Condition.BEFORE_PLANNING: TapRule(_GOALS, before=START_PLANNING, holds_until=END_PLANNING, is_child=True),
+    Condition.BEFORE_PLANNING: TapRule(
+        _GOALS, before=START_PLANNING, holds_until=END_PLANNING, is_child=True
+    ),
     Condition.WHILE_PLANNING: TapRule(_GOALS, at=START_PLANNING, lasts_until=END_PLANNING),
     Condition.AFTER_PLANNED: TapRule(_GOALS, at=END_PLANNING),
     Condition.WHEN_PLANNED: TapRule(_GOALS, before=END_PLANNING, is_child=True),
-    Condition.BEFORE_ACHIEVING: TapRule(_TASKS, before=START_ACHIEVING, holds_until=END_ACHIEVING, is_child=True),
+    Condition.BEFORE_ACHIEVING: TapRule(
+        _TASKS, before=START_ACHIEVING, holds_until=END_ACHIEVING, is_child=True
+    ),
     Condition.WHILE_ACHIEVING: TapRule(_TASKS, at=START_ACHIEVING, lasts_until=END_ACHIEVING),
     Condition.AFTER_ACHIEVED: TapRule(_TASKS, at=END_ACHIEVING),
     Condition.WHEN_ACHIEVED: TapRule(_TASKS, before=END_ACHIEVING, is_child=True),
     Condition.WHEN_KILLED: TapRule(_TASKS, at=KILLED),
 }
-"""One row per condition. *When* conditions hold nothing: a task does not end before its children have."""
+"""One row per condition. *When* conditions hold nothing: a task does not end before its children
+have.
+"""
 
 LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)
 """The classes that a wiretap may send."""
@@ -149,4 +166,6 @@ LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_mon
 def recurs_on_retry(condition: Condition) -> bool:
     """Whether it is met each time that its message is handled: once more when that is retried."""
     rule = CONDITIONS[condition]
-    return bool((rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE))
+    return bool(
+        (rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE)
+    )

@@ -6,8 +6,8 @@ from pathlib import Path
 
 
 def replace_closed_streams() -> None:
-    """Let what is written to a closed stream go nowhere. Its number is taken too, or it would be that of the next file
-    or socket, and a C library's complaint would go there.
+    """Let what is written to a closed stream go nowhere. Its number is taken too, or it would be
+    that of the next file or socket, and a C library's complaint would go there.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:

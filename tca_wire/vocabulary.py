@@ -1,11 +1,15 @@
-"""The words that headers and facts share: classes, outcomes, conditions and the like. Knows nothing of their use."""
+"""The words that headers and facts share: classes, outcomes, conditions and the like. Knows nothing
+of their use.
+"""
 
 from enum import IntEnum, StrEnum
 from typing import Self
 
 
 class _WithTraits(StrEnum):
-    """Words with traits: the attributes that a class declares are True for the members that name them."""
+    """Words with traits: the attributes that a class declares are True for the members that name
+    them.
+    """
 
     def __new__(cls, word: str, *traits: str) -> Self:
         """A word with its traits as attributes, True or False."""
@@ -18,7 +22,9 @@ class _WithTraits(StrEnum):
 
 
 class MessageClass(_WithTraits):
-    """The routing of a message, and whether it becomes a task (TCA 8.5, message classes): one row each."""
+    """The routing of a message, and whether it becomes a task (TCA 8.5, message classes): one row
+    each.
+    """
 
     is_task: bool
     """It becomes a node of the task tree."""
@@ -128,8 +134,9 @@ class Dropping(StrEnum):
 
 
 class Condition(StrEnum):
-    """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval
-    back until the listener's has ended, *when* holds its end; *while* and *after* hold nothing.
+    """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the
+    tapped task's interval back until the listener's has ended, *when* holds its end; *while* and
+    *after* hold nothing.
     """
 
     WHEN_SENT = "when sent"
@@ -206,7 +213,9 @@ CENTRAL = "central"
 """The sender of central's own messages, and the author of its own actions."""
 
 DISK_FULL = 75
-"""The exit code of a central that could not write for lack of room: started again when there is some, it continues."""
+"""The exit code of a central that could not write for lack of room: started again when there is
+some, it continues.
+"""
 
 LONGEST_TIME = 3.2e8
 """Seconds, ten years: nothing can be asked for later than this."""
@@ -227,5 +236,7 @@ class Limit(IntEnum):
 
 
 def is_name(text: str) -> bool:
-    """Whether a text may name a message, module, resource, pool or failure: it is short, and steers no terminal."""
+    """Whether a text may name a message, module, resource, pool or failure: it is short, and steers
+    no terminal.
+    """
     return 0 < len(text) <= Limit.NAME and text.isprintable() and not text.isspace()

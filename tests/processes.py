@@ -1,7 +1,8 @@
-"""Real processes, for all tests that need some: centrals and programs, which are started here, heard and stopped.
+"""Real processes, for all tests that need some: centrals and programs, which are started here,
+heard and stopped.
 
-What runs Python is forked from a process that has imported everything, and so is there at once: a test that starts five
-programs would else import the same packages five times.
+What runs Python is forked from a process that has imported everything, and so is there at once: a
+test that starts five programs would else import the same packages five times.
 """
 
 import functools
@@ -28,8 +29,8 @@ SOON = 120.0
 
 
 class Process:
-    """``python COMMAND...``, with pipes to and from it (or *log* for what it says). It can do what ``subprocess.Popen``
-    can, and :meth:`hear`.
+    """``python COMMAND...``, with pipes to and from it (or *log* for what it says). It can do what
+    ``subprocess.Popen`` can, and :meth:`hear`.
     """
 
     def __init__(
@@ -73,8 +74,10 @@ class Process:
         if self.stdout.closed:
             return "", ""
         said: dict[IO[str], str] = {}
-        readers = [threading.Thread(target=lambda one=one: said.update({one: one.read()}), daemon=True)
-                   for one in (self.stdout, self.stderr)]  # fmt: skip
+        readers = [
+            threading.Thread(target=lambda one=one: said.update({one: one.read()}), daemon=True)
+            for one in (self.stdout, self.stderr)
+        ]
         with self.killed_after(timeout):
             for reader in readers:
                 reader.start()
@@ -137,7 +140,9 @@ def _pipe(*, is_input: bool) -> tuple[int, int]:
 class Central:
     """A running daemon; *command*: another program than the one of this checkout."""
 
-    def __init__(self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()
+    ) -> None:
         folder.mkdir(exist_ok=True)
         self.address = bind or f"ipc://{folder}/central.sock"
         self.journal = folder / "journal"
@@ -158,7 +163,12 @@ class Central:
         """What its journal tells, of these kinds."""
         from tca_tools.journal.journals import open_log
 
-        return [fact for entry in open_log(self.journal) for fact in entry.facts if isinstance(fact, kinds or object)]
+        return [
+            fact
+            for entry in open_log(self.journal)
+            for fact in entry.facts
+            if isinstance(fact, kinds or object)
+        ]
 
     def stop(self) -> str:
         """End it; everything that it said since the first line."""
@@ -168,7 +178,9 @@ class Central:
 
 
 @contextmanager
-def central(folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()) -> Iterator[Central]:
+def central(
+    folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()
+) -> Iterator[Central]:
     running = Central(folder, *options, bind=bind, command=command)
     try:
         yield running
@@ -179,7 +191,9 @@ def central(folder: Path, *options: str, bind: str = "", command: Sequence[str] 
 
 def program(text: str, address: str, *words: str, cwd: Path | None = None) -> Process:
     """A Python program as a module's process."""
-    return Process("-c", textwrap.dedent(text), *words, cwd=cwd, environment={"TCA_CENTRAL": address})
+    return Process(
+        "-c", textwrap.dedent(text), *words, cwd=cwd, environment={"TCA_CENTRAL": address}
+    )
 
 
 def run(*command: str, **environment: str) -> "subprocess.CompletedProcess[str]":
@@ -194,7 +208,7 @@ def tca(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return run("tca", *arguments)
 
 
-# --- where processes come from ---------------------------------------------------------------------------------------
+# --- where processes come from --------------------------------------------------------------------
 
 
 class _Nursery:
@@ -205,7 +219,9 @@ class _Nursery:
         with its:
             environment = {**os.environ, "PYTHONPATH": f"{TESTS}{os.pathsep}{TESTS.parent}"}
             self._process = subprocess.Popen(
-                [sys.executable, __file__, str(its.fileno())], pass_fds=[its.fileno()], env=environment
+                [sys.executable, __file__, str(its.fileno())],
+                pass_fds=[its.fileno()],
+                env=environment,
             )
         self._lock = threading.Lock()
 
@@ -218,7 +234,13 @@ class _Nursery:
             socket.send_fds(self._line, [json.dumps(words).encode()], files)
             return json.loads(self._line.recv(100))
 
-    def start(self, command: Sequence[str], files: Sequence[int], environment: dict[str, str], cwd: Path | None) -> int:
+    def start(
+        self,
+        command: Sequence[str],
+        files: Sequence[int],
+        environment: dict[str, str],
+        cwd: Path | None,
+    ) -> int:
         """A process with these standard streams."""
         words = {"command": command, "environment": environment, "cwd": str(cwd or Path.cwd())}
         return int(self._ask(words, files))
@@ -268,7 +290,9 @@ def _forked(line: socket.socket) -> list[str]:
 
 
 def _be(command: list[str]) -> None:
-    """Be ``python COMMAND...``, or ``tca ...``, or another program, which is given with its path."""
+    """Be ``python COMMAND...``, or ``tca ...``, or another program, which is given with its
+    path.
+    """
     how, *words = command
     sys.argv = command
     if how == "-m":

@@ -16,11 +16,16 @@ def lives(usual: int, soak: int) -> int:
 
 
 def one_in(number: int, first: Iterable[str], second: Iterable[str]) -> list[Any]:
-    """All pairs of two lists, as parameters; all but one in so many are of the soak. Each of either list is among those
-    that are not, if neither has fewer than *number*.
+    """All pairs of two lists, as parameters; all but one in so many are of the soak. Each of either
+    list is among those that are not, if neither has fewer than *number*.
     """
     numbered = product(enumerate(first), enumerate(second))
     return [
-        pytest.param(one, other, marks=[pytest.mark.soak] if (row + column) % number else [], id=f"{one}-{other}")
+        pytest.param(
+            one,
+            other,
+            marks=[pytest.mark.soak] if (row + column) % number else [],
+            id=f"{one}-{other}",
+        )
         for (row, one), (column, other) in numbered
     ]

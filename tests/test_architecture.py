@@ -1,4 +1,6 @@
-"""Which package may import which: the arrows of docs/architecture.md, and the few files that may touch the world."""
+"""Which package may import which: the arrows of docs/architecture.md, and the few files that may
+touch the world.
+"""
 
 import ast
 import re
@@ -32,7 +34,9 @@ MAY_IMPORT = {
         "tca_behaviours", "tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich",
     },
 }  # fmt: skip
-"""Beside the package itself and the standard library; a room that has a row of its own obeys that one."""
+"""Beside the package itself and the standard library; a room that has a row of its own obeys that
+one.
+"""
 
 ONLY_IN = {
     "zmq": {
@@ -55,7 +59,11 @@ ONLY_IN = {
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},
     "pyarrow": {"tca_tools/export/parquet_files.py"},
-    "starlette": {"tca_tools/view/app.py", "tca_tools/view/guards.py", "tca_behaviours/activities/page/app.py"},
+    "starlette": {
+        "tca_tools/view/app.py",
+        "tca_tools/view/guards.py",
+        "tca_behaviours/activities/page/app.py",
+    },
     "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
     "uvicorn": {"tca_tools/view/served_page.py"},
 }
@@ -68,7 +76,8 @@ EXCEPTIONS = {
     ("tca_behaviours/coordination/model/machine.py", "tca_tools"),
 }
 
-# What a room of a package may import of its own package. A room is a folder, or a file beside the folders.
+# What a room of a package may import of its own package. A room is a folder, or a file beside the
+# folders.
 ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_wire": {
         "points": set(),
@@ -283,16 +292,25 @@ def test_packages_import_along_the_arrows(package: str) -> None:
         name = str(path.relative_to(ROOT))
         for imported in {dotted.split(".")[0] for dotted in imports(path)} & known:
             allowed = own_row(path) | {package}
-            assert imported in allowed or (name, imported) in EXCEPTIONS, f"{name} imports {imported}"
+            assert imported in allowed or (name, imported) in EXCEPTIONS, (
+                f"{name} imports {imported}"
+            )
             assert name in ONLY_IN.get(imported, {name}), f"{name} imports {imported}"
 
 
 def test_files_import_in_no_circle() -> None:
-    """Not for types either: who reads one file needs those that it builds on, and never both at once."""
+    """Not for types either: who reads one file needs those that it builds on, and never both at
+    once.
+    """
     paths = [path for package in PACKAGES for path in files(package) if path.name != "__init__.py"]
     named = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in paths}
     arrows = {
-        name: {module for dotted in imports(path) for module in (dotted, dotted.rpartition(".")[0]) if module in named}
+        name: {
+            module
+            for dotted in imports(path)
+            for module in (dotted, dotted.rpartition(".")[0])
+            if module in named
+        }
         for name, path in named.items()
     }
     TopologicalSorter(arrows).prepare()  # raises CycleError, with the circle
@@ -307,7 +325,11 @@ def room(package: str, path: Path) -> str:
 def test_rooms_import_along_the_arrows(package: str) -> None:
     TopologicalSorter(ROOMS[package]).prepare()
     for path in files(package):
-        inside = [dotted.removeprefix(f"{package}.") for dotted in imports(path) if dotted.startswith(f"{package}.")]
+        inside = [
+            dotted.removeprefix(f"{package}.")
+            for dotted in imports(path)
+            if dotted.startswith(f"{package}.")
+        ]
         own = {dotted.split(".")[0] for dotted in inside}
         here = room(package, path)
         allowed = ROOMS[package].get(here, set()) | {here}
@@ -334,27 +356,40 @@ def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
 
 def test_the_explorer_knows_the_pure_core_only() -> None:
     for path in files("tca_tools.explore"):
-        of_central = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
+        of_central = {
+            dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")
+        }
         assert not of_central & {"shell", "__main__"}, path
 
 
 def test_rich_is_for_screens() -> None:
-    using = {path.name for path in files("tca_tools.live") if any(name.startswith("rich") for name in imports(path))}
+    using = {
+        path.name
+        for path in files("tca_tools.live")
+        if any(name.startswith("rich") for name in imports(path))
+    }
     assert using == {"top_screen.py"}
 
 
 def test_few_files_name_a_message_class() -> None:
     """A new one is a row of traits, a declaration and a route; all else asks for traits."""
-    naming = {str(path.relative_to(ROOT)) for package in PACKAGES for path in files(package)
-              if re.search(r"\bMessageClass\.[A-Z]", path.read_text())}  # fmt: skip
-    assert naming == {
-        "tca_wire/messages/declarations.py",
-        "tca_wire/messages/controls.py",
-        "tca_central/requests/sending.py",
-        "tca_central/state.py",  # the root is a goal
-        "tca_tools/journal/fold_records.py",  # what was sent before the journal begins counts as a goal
-        "tca_tools/log/classic.py",  # as the old program called it
+    naming = {
+        str(path.relative_to(ROOT))
+        for package in PACKAGES
+        for path in files(package)
+        if re.search(r"\bMessageClass\.[A-Z]", path.read_text())
     }
+    assert (
+        naming
+        == {
+            "tca_wire/messages/declarations.py",
+            "tca_wire/messages/controls.py",
+            "tca_central/requests/sending.py",
+            "tca_central/state.py",  # the root is a goal
+            "tca_tools/journal/fold_records.py",  # what was sent before the journal begins counts as a goal
+            "tca_tools/log/classic.py",  # as the old program called it
+        }
+    )
 
 
 def test_init_files_hold_only_imports() -> None:
@@ -362,7 +397,9 @@ def test_init_files_hold_only_imports() -> None:
         for path in (ROOT / package).rglob("__init__.py"):
             for node in parsed(path).body:
                 is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-                is_all = isinstance(node, ast.Assign | ast.AugAssign) and ast.unparse(node).startswith("__all__ ")
+                is_all = isinstance(node, ast.Assign | ast.AugAssign) and ast.unparse(
+                    node
+                ).startswith("__all__ ")
                 assert is_docstring or is_all or isinstance(node, ast.Import | ast.ImportFrom), (
                     f"{path}: {ast.unparse(node)}"
                 )
@@ -380,15 +417,26 @@ def test_nothing_runs_what_it_reads() -> None:
     for package in (*PACKAGES, "dev"):
         for path in files(package):
             is_copying = path == ROOT / "tca_tools/explore/search/snapshot.py"
-            assert is_copying or not {dotted.split(".")[0] for dotted in imports(path)} & never, path
+            assert is_copying or not {dotted.split(".")[0] for dotted in imports(path)} & never, (
+                path
+            )
             for node in nodes(path):
                 called = node.func if isinstance(node, ast.Call) else None
-                assert not isinstance(called, ast.Name) or called.id not in ("eval", "exec", "__import__"), path
-                assert not isinstance(called, ast.Attribute) or called.attr not in ("recv_pyobj", "send_pyobj"), path
+                assert not isinstance(called, ast.Name) or called.id not in (
+                    "eval",
+                    "exec",
+                    "__import__",
+                ), path
+                assert not isinstance(called, ast.Attribute) or called.attr not in (
+                    "recv_pyobj",
+                    "send_pyobj",
+                ), path
 
 
 def test_files_of_tests_have_names_of_their_own() -> None:
-    """pytest takes two of one name for the same, unless their folders are packages: then nothing at all is tested."""
+    """pytest takes two of one name for the same, unless their folders are packages: then nothing at
+    all is tested.
+    """
     found: dict[str, list[Path]] = defaultdict(list)
     for path in (ROOT / "tests").rglob("test_*.py"):
         if not (path.parent / "__init__.py").exists():

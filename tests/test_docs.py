@@ -1,7 +1,8 @@
-"""The code in README and docs/ is true: what quotes an example is in it, and all of it fits the library.
+"""The code in README and docs/ is true: what quotes an example is in it, and all of it fits the
+library.
 
-What is no quote is checked by mypy, after the names that its page takes for known. So a call, an option or a name that
-does not exist is found, and so are data of a wrong type.
+What is no quote is checked by mypy, after the names that its page takes for known. So a call, an
+option or a name that does not exist is found, and so are data of a wrong type.
 """
 
 import ast
@@ -31,7 +32,9 @@ OTHER_WORDS = (
     "[Unit]",
     "[[allow]]",
 )
-"""How blocks begin that are no Python: what one types, what is printed, what is on the wire, a service of systemd."""
+"""How blocks begin that are no Python: what one types, what is printed, what is on the wire, a
+service of systemd.
+"""
 
 QUOTES = {
     "pending = [asker.query_send": "02_questions",
@@ -171,8 +174,19 @@ layer = manager = module = Module("any")
 pace = 1.0
 """
 
-NAMES = {"office": OFFICE, "life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
-         "preview-coordination": COORDINATION, "missions": MISSIONS, "activities": ACTIVITIES, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
+NAMES = {
+    "office": OFFICE,
+    "life-cycles": LIFE_CYCLES,
+    "ambler": AMBLER,
+    "explorer": EXPLORER,
+    "modules": PLAIN,
+    "command-line": PLAIN,
+    "preview-coordination": COORDINATION,
+    "missions": MISSIONS,
+    "activities": ACTIVITIES,
+    "state-machines": MACHINES,
+    "task-servers": SERVERS,
+}
 """What the pages take for known."""
 
 
@@ -188,7 +202,9 @@ class Block:
 
     @property
     def is_python(self) -> bool:
-        return self.language == "python" or (not self.language and not self.text.startswith(OTHER_WORDS))
+        return self.language == "python" or (
+            not self.language and not self.text.startswith(OTHER_WORDS)
+        )
 
     @property
     def is_quote(self) -> bool:
@@ -209,8 +225,9 @@ def blocks(page: Path) -> Iterator[Block]:
     """The fenced blocks of a page, and those that are indented after an empty line."""
     for found in re.finditer(
         r"^```(?P<language>\w*)\n(?P<fenced>.*?)^```$|(?<=\n\n)(?P<indented>(?:    [^\n]*\n(?:\n(?=    ))*)+)",
-        page.read_text(), re.MULTILINE | re.DOTALL,
-    ):  # fmt: skip
+        page.read_text(),
+        re.MULTILINE | re.DOTALL,
+    ):
         line = page.read_text()[: found.start()].count("\n") + 1
         if found["indented"] is not None:
             yield Block(page, line, found["indented"], "")
@@ -239,9 +256,18 @@ def test_the_code_in_the_docs_fits_the_library(tmp_path: Path) -> None:
     for block in CODE:
         if not block.is_quote:
             (tmp_path / f"{block.name}.py").write_text(block.names + block.text)
-    options = ["--config-file", "setup.cfg", "--disable-error-code", "empty-body", "--no-error-summary"]
+    options = [
+        "--config-file",
+        "setup.cfg",
+        "--disable-error-code",
+        "empty-body",
+        "--no-error-summary",
+    ]
     found = subprocess.run(
         [sys.executable, "-m", "mypy", *options, *map(str, sorted(tmp_path.glob("*.py")))],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert found.stdout + found.stderr == ""

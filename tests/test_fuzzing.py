@@ -1,4 +1,6 @@
-"""Hostile bytes: a few of each target of fuzz/, the same ones in every run; and minutes of each with ``make soak``."""
+"""Hostile bytes: a few of each target of fuzz/, the same ones in every run; and minutes of each
+with ``make soak``.
+"""
 
 import re
 import subprocess
@@ -48,7 +50,8 @@ def test_no_bytes_are_answered_by_an_exception(name: str, request: pytest.Fixtur
 @pytest.mark.parametrize("name", TARGETS)
 def test_no_bytes_that_a_fuzzer_finds_are(name: str, tmp_path: Path) -> None:
     pytest.importorskip(
-        "atheris", reason="atheris has wheels for Linux on x86-64 only: pip install 'tca-central[fuzz]'"
+        "atheris",
+        reason="atheris has wheels for Linux on x86-64 only: pip install 'tca-central[fuzz]'",
     )
     command = [
         sys.executable,
@@ -63,5 +66,7 @@ def test_no_bytes_that_a_fuzzer_finds_are(name: str, tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
     runs, reached = re.findall(r"#(\d+)\s+DONE\s+cov: (\d+)", done.stderr)[0]
-    print(f"\n{name}: {int(runs):,} inputs, {int(runs) // SECONDS.get(name, 60):,} a second, {reached} places reached")
+    print(
+        f"\n{name}: {int(runs):,} inputs, {int(runs) // SECONDS.get(name, 60):,} a second, {reached} places reached"
+    )
     assert int(runs) > 100

@@ -1,4 +1,6 @@
-"""The counterparts in docs/tca-mapping.md exist: each name, in tables and notes, is resolved, each link leads somewhere."""
+"""The counterparts in docs/tca-mapping.md exist: each name, in tables and notes, is resolved, each
+link leads somewhere.
+"""
 
 import configparser
 import inspect
@@ -19,7 +21,9 @@ THEIRS = {
     "raise COLLISION(height)", "release()", r"reply=Pose \| None", "tca", "tca_module", "timeout", "unlock", "with",
     "x_ipc", "{int, [double:3]}",
 }  # fmt: skip
-"""Words of TCA and TCM, of Python and of command lines, and pieces of names that are given in full beside them."""
+"""Words of TCA and TCM, of Python and of command lines, and pieces of names that are given in full
+beside them.
+"""
 
 TOKENS = sorted(set(re.findall(r"`([^`\n]+)`", PAGE)) - THEIRS)
 
@@ -36,8 +40,12 @@ def public_classes() -> list[type]:
 
 
 def has(owner: type, name: str) -> bool:
-    """Whether objects of a class have an attribute: of the class, annotated, or set when they are made."""
-    if hasattr(owner, name) or any(name in getattr(kind, "__annotations__", {}) for kind in owner.__mro__):
+    """Whether objects of a class have an attribute: of the class, annotated, or set when they are
+    made.
+    """
+    if hasattr(owner, name) or any(
+        name in getattr(kind, "__annotations__", {}) for kind in owner.__mro__
+    ):
         return True
     return any(
         re.search(rf"self\.{name}\b", inspect.getsource(vars(kind)["__init__"]))

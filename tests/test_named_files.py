@@ -11,17 +11,27 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-NAME = re.compile(r"(?<![\w/.*{<-])((?:[\w.-]+/)*[\w-]+\.(?:py|md|js|css|html|sh|toml|cfg|txt))\b(?![\w*/(])")
+NAME = re.compile(
+    r"(?<![\w/.*{<-])((?:[\w.-]+/)*[\w-]+\.(?:py|md|js|css|html|sh|toml|cfg|txt))\b(?![\w*/(])"
+)
 OF_USERS = {
-    "FILE.py", "MODEL.toml", "arm.py", "cart_server.py", "notes.txt", "run.html", "to_and_fro.py",
-}  # fmt: skip
+    "FILE.py",
+    "MODEL.toml",
+    "arm.py",
+    "cart_server.py",
+    "notes.txt",
+    "run.html",
+    "to_and_fro.py",
+}
 """Files that pages let their readers write."""
 HISTORY = {"CHANGELOG.md", "docs/decisions/0106-five-packages.md"}
 """Pages that name what has gone."""
 
 
 def tracked() -> list[str]:
-    found = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    found = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.split()
     return [name for name in found if (ROOT / name).is_file()]
 
 
@@ -46,9 +56,17 @@ def test_files_named_in_prose_exist() -> None:
     names = tracked()
     if not names:
         pytest.skip("this is no git checkout")
-    known = {"/".join(parts[start:]) for parts in (name.split("/") for name in names) for start in range(len(parts))}
+    known = {
+        "/".join(parts[start:])
+        for parts in (name.split("/") for name in names)
+        for start in range(len(parts))
+    }
     known |= OF_USERS
-    texts = {name: (ROOT / name).read_text() for name in names if name.endswith((".md", ".py")) and name not in HISTORY}
+    texts = {
+        name: (ROOT / name).read_text()
+        for name in names
+        if name.endswith((".md", ".py")) and name not in HISTORY
+    }
     missing = {
         (name, found)
         for name, text in texts.items()

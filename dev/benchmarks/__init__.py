@@ -13,7 +13,9 @@ BODY = bytes(100)
 
 
 def rounds_of(measure: Callable[[float], dict[str, float]], about: str) -> list[dict[str, float]]:
-    """The results of several rounds of measuring; the command line sets their number, and the seconds of each."""
+    """The results of several rounds of measuring; the command line sets their number, and the
+    seconds of each.
+    """
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=1.0)

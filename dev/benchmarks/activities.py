@@ -1,12 +1,14 @@
 """How well processors keep time, and what handing on the baton costs.
 
-    python -m dev.benchmarks.activities [--activities 50] [--rate 100] [--processors 1,5,50] [--seconds 5] [--rounds 5]
+    python -m dev.benchmarks.activities [--activities 50] [--rate 100] [--processors 1,5,50]
+    [--seconds 5] [--rounds 5]
 
-Each activity does at its rate what a small controller does: a little arithmetic. All are due at the same times. It
-measures by how much the first activity begins after it is due, when the last one ends, jitter (how far the beginning
-of each activity is from its own median), and the processor time of a tick beside that of the activity itself.
-With --beside a thread of the same program computes all the time, and with --switch the interval is set after which the
-interpreter lets another thread go on.
+Each activity does at its rate what a small controller does: a little arithmetic. All are due at the
+same times. It measures by how much the first activity begins after it is due, when the last one
+ends, jitter (how far the beginning of each activity is from its own median), and the processor time
+of a tick beside that of the activity itself. With --beside a thread of the same program computes
+all the time, and with --switch the interval is set after which the interpreter lets another thread
+go on.
 """
 
 import argparse
@@ -41,8 +43,12 @@ class Controller:
         self._place += self._speed * self.period
 
 
-def play(activities: int, processors: int, period: float, seconds: float) -> tuple[float, float, float, float, float]:
-    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99). Microseconds: a tick."""
+def play(
+    activities: int, processors: int, period: float, seconds: float
+) -> tuple[float, float, float, float, float]:
+    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99).
+    Microseconds: a tick.
+    """
     baton = Baton()
     schedule, began = baton.schedule, defaultdict[str, list[float]](list)
     ended = defaultdict[float, float](float)
@@ -63,7 +69,9 @@ def play(activities: int, processors: int, period: float, seconds: float) -> tup
         places = [schedule.new_processor(f"p{number}", 0.0) for number in range(processors)]
         for number in range(activities):
             schedule.add(Controller(number, period))
-            schedule.put(schedule.activity(f"a{number}"), places[number * processors // activities], 0.0)
+            schedule.put(
+                schedule.activity(f"a{number}"), places[number * processors // activities], 0.0
+            )
     baton.start()
     time.sleep(_WARM_UP)
     with baton.lock:
@@ -73,7 +81,10 @@ def play(activities: int, processors: int, period: float, seconds: float) -> tup
     used, own = _computed[0] - time.process_time(), -sum(one.mean * one.ticks for one in executions)
     time.sleep(seconds)
     baton.stop()
-    used, own = used + time.process_time() - _computed[0], own + sum(one.mean * one.ticks for one in executions)
+    used, own = (
+        used + time.process_time() - _computed[0],
+        own + sum(one.mean * one.ticks for one in executions),
+    )
     ticks = sum(len(each) for each in began.values())
     off = [abs(late - statistics.median(each)) for each in began.values() for late in each]
     first = statistics.quantiles(began["a0"], n=20)[18]
@@ -90,7 +101,9 @@ def compute() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--activities", type=int, default=50)
     parser.add_argument("--rate", type=float, default=100)
     parser.add_argument("--processors", default="1,5,50")
@@ -104,8 +117,13 @@ def main() -> None:
         threading.Thread(target=compute, daemon=True).start()
     print("processors  first begins p95 ms  last ends p95 ms  jitter median ms     p99  us a tick")
     for processors in map(int, given.processors.split(",")):
-        rounds = [play(given.activities, processors, 1 / given.rate, given.seconds) for _ in range(given.rounds)]
-        first, last, median, p99, cost = (statistics.median(column) for column in zip(*rounds, strict=True))
+        rounds = [
+            play(given.activities, processors, 1 / given.rate, given.seconds)
+            for _ in range(given.rounds)
+        ]
+        first, last, median, p99, cost = (
+            statistics.median(column) for column in zip(*rounds, strict=True)
+        )
         print(f"{processors:10} {first:20.2f} {last:17.2f} {median:17.3f} {p99:7.2f} {cost:10.1f}")
 
 

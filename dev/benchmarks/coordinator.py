@@ -1,4 +1,5 @@
-"""What a coordinator does at one event: processor time for a report of progress, by the length of the preview list.
+"""What a coordinator does at one event: processor time for a report of progress, by the length of
+the preview list.
 
 python -m dev.benchmarks.coordinator
 """
@@ -9,7 +10,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from unittest.mock import patch
 
-from tca_behaviours.coordination import Activity, Agent, Coordination, Coordinator, Discrete, Do, Policy
+from tca_behaviours.coordination import (
+    Activity,
+    Agent,
+    Coordination,
+    Coordinator,
+    Discrete,
+    Do,
+    Policy,
+)
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, Module, Task, connect
 from tca_module.testing import LocalCentral
@@ -20,7 +29,9 @@ REPORTS = 300
 
 def chain(length: int) -> Coordination:
     """Activities one after the other, each with a fact of its own that the next one needs."""
-    with Coordination("chain", facts={f"done {place}": False for place in range(length + 1)}) as machine:
+    with Coordination(
+        "chain", facts={f"done {place}": False for place in range(length + 1)}
+    ) as machine:
         states = [
             machine.state(
                 f"state {place}",
@@ -39,7 +50,9 @@ def chain(length: int) -> Coordination:
 
 
 def cost_of_events(length: int, policy: Policy | None) -> float:
-    """Microseconds of processor time that the coordinator needs for a report of its current activity."""
+    """Microseconds of processor time that the coordinator needs for a report of its current
+    activity.
+    """
     times: list[float] = []
     go_on: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_go_on"]
 

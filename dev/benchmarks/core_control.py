@@ -1,11 +1,13 @@
-"""The cost of steering a big tree: wiretaps, a failure found a million levels up, suspension, a deadline, a kill.
+"""The cost of steering a big tree: wiretaps, a failure found a million levels up, suspension, a
+deadline, a kill.
 
     python dev/benchmarks/core_control.py [--sizes 1000,100000,1000000]
 
-A tree of goals is grown whose message is tapped, under a top-level task with a deadline and a message to be sent on its
-termination; an exception handler for any failure is at the root. First come the costs per event, as in core_events.py;
-then each operation happens once: how long it takes, during which central does nothing else, and that divided by the
-number of tasks. One goal is handled, all others wait for its slot.
+A tree of goals is grown whose message is tapped, under a top-level task with a deadline and a
+message to be sent on its termination; an exception handler for any failure is at the root. First
+come the costs per event, as in core_events.py; then each operation happens once: how long it takes,
+during which central does nothing else, and that divided by the number of tasks. One goal is
+handled, all others wait for its slot.
 """
 
 import argparse
@@ -40,7 +42,10 @@ class Steered(Bench):
         handlers = [HandlerFormat(message.name, "expert") for message in messages]
         self.event(EXPERT, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e"))
         self.event(EXPERT, headers.Register(self.next(), messages, handlers))
-        self.event(EXPERT_SLOT, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e", 1, "expert"))
+        self.event(
+            EXPERT_SLOT,
+            headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e", 1, "expert"),
+        )
         self.event(USER, headers.Attach(self.next(), Attachment("", "recover")))
         self.event(USER, headers.Tap(self.next(), Condition.WHILE_HANDLING, "note", "walk"))
         self.event(USER, headers.Send(self.next(), "halt", TaskId(self.top), when_killed=True))
@@ -57,11 +62,15 @@ class Steered(Bench):
     def given(self, slot: ConnectionId) -> int:
         """The message that a slot handles."""
         return next(
-            one.given_as for one in self.central.dispatcher.running.values() if one.slot and one.slot.id == slot
+            one.given_as
+            for one in self.central.dispatcher.running.values()
+            if one.slot and one.slot.id == slot
         )
 
     def steady(self, parent: int, rounds: int) -> list[float]:
-        """Seconds per event: a goal is sent, the handler of an older one returns, and the next one is told of."""
+        """Seconds per event: a goal is sent, the handler of an older one returns, and the next one
+        is told of.
+        """
         costs = []
         for _ in range(rounds):
             begin = time.perf_counter()
@@ -84,7 +93,9 @@ class Steered(Bench):
     def operations(self, bottom: int) -> dict[str, float]:
         """Seconds that each operation takes."""
         top, costs = TaskId(self.top), {}
-        costs["failure at the bottom"] = self.timed(headers.Raise(self.next(), TaskId(bottom), "slip"))
+        costs["failure at the bottom"] = self.timed(
+            headers.Raise(self.next(), TaskId(bottom), "slip")
+        )
         self.resolve()
         costs["it is handled"] = self.timed(headers.Reply(self.given(EXPERT_SLOT)), EXPERT_SLOT)
         costs["suspend"] = self.timed(headers.Suspend(self.next(), top))
@@ -95,7 +106,9 @@ class Steered(Bench):
         costs["kill"] = self.timed(headers.Kill(self.next(), top))
         costs["last handler returns"] = self.timed(headers.Reply(self.given(SLOT)), SLOT)
         left = self.central.tree.tasks.values()
-        assert [task.message.name for task in left if not task.killed] == ["halt"], "all else has ended"
+        assert [task.message.name for task in left if not task.killed] == ["halt"], (
+            "all else has ended"
+        )
         return costs
 
     def _pass(self, seconds: float) -> float:
@@ -120,7 +133,9 @@ def measure(size: int, *, deep: bool) -> tuple[float, float, dict[str, float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sizes", default="1000,100000,1000000")
     sizes = [int(size) for size in parser.parse_args().sizes.split(",")]
     for deep in (False, True):
@@ -130,7 +145,10 @@ def main() -> None:
             print(f"{name:>24}" + "".join(f"{one[index]:>22.1f}" for one in found))
         for name in found[0][2]:
             costs = [one[2][name] for one in found]
-            cells = (f"{c * 1e3:,.1f} ms {c / size * 1e6:6.2f} us" for c, size in zip(costs, sizes, strict=True))
+            cells = (
+                f"{c * 1e3:,.1f} ms {c / size * 1e6:6.2f} us"
+                for c, size in zip(costs, sizes, strict=True)
+            )
             print(f"{name:>24}" + "".join(f"{cell:>22}" for cell in cells), flush=True)
 
 

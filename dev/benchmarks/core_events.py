@@ -2,8 +2,8 @@
 
     python dev/benchmarks/core_events.py [--sizes 1000,100000,1000000]
 
-For each shape a tree is grown to its size; then, at that size, goals are sent, handled and achieved. If the cost per
-event is flat, the last column does not rise with the size.
+For each shape a tree is grown to its size; then, at that size, goals are sent, handled and
+achieved. If the cost per event is flat, the last column does not rise with the size.
 """
 
 import argparse
@@ -35,9 +35,14 @@ class Bench:
         self.clock = 0.0
         walk = MessageFormat("walk", MessageClass.GOAL, "{}", "")
         for connection, index, resource in ((PLANNER, 0, ""), (SLOT, 1, "planner")):
-            self.event(connection, headers.Hello(self.next(), PROTOCOL_VERSION, "planner", "p", index, resource))
+            self.event(
+                connection,
+                headers.Hello(self.next(), PROTOCOL_VERSION, "planner", "p", index, resource),
+            )
         self.event(USER, headers.Hello(self.next(), PROTOCOL_VERSION, "user", "u"))
-        self.event(PLANNER, headers.Register(self.next(), [walk], [HandlerFormat("walk", "planner")]))
+        self.event(
+            PLANNER, headers.Register(self.next(), [walk], [HandlerFormat("walk", "planner")])
+        )
         self.top = self.goal(0)
 
     def next(self) -> int:
@@ -63,7 +68,9 @@ class Bench:
         return parent
 
     def steady(self, parent: int, rounds: int) -> list[float]:
-        """Seconds per event: a goal is sent under *parent*, and the handler of an older one returns."""
+        """Seconds per event: a goal is sent under *parent*, and the handler of an older one
+        returns.
+        """
         costs = []
         for _ in range(rounds):
             begin = time.perf_counter()
@@ -92,7 +99,10 @@ def main() -> None:
             memory = _bytes_per_task(min(size, 20_000), deep=deep)
             shape = "deep" if deep else "wide"
             median, p99 = statistics.median(costs), costs[len(costs) * 99 // 100]
-            print(f"{shape:>6} {size:>9,} {growing:>17.1f} {memory:>11,.0f} {median:>24.1f} {p99:>7.1f}", flush=True)
+            print(
+                f"{shape:>6} {size:>9,} {growing:>17.1f} {memory:>11,.0f} {median:>24.1f} {p99:>7.1f}",
+                flush=True,
+            )
 
 
 def _bytes_per_task(size: int, *, deep: bool) -> float:

@@ -1,10 +1,11 @@
-"""Processor microseconds of the pure core for the life of one message: sent, given to a slot, answered.
+"""Processor microseconds of the pure core for the life of one message: sent, given to a slot,
+answered.
 
     python -m dev.benchmarks.core_lives
 
-Of each kind many lives, one after the other; the best and the median of several runs. A sequence has ten commands under
-way, each behind the one before. The handler of "asked" takes what clients ask of its tasks; those "observed" have an
-observer, who is told of three changes of each.
+Of each kind many lives, one after the other; the best and the median of several runs. A sequence
+has ten commands under way, each behind the one before. The handler of "asked" takes what clients
+ask of its tasks; those "observed" have an observer, who is told of three changes of each.
 """
 
 import gc
@@ -24,18 +25,32 @@ from tca_wire.vocabulary import MessageClass
 MODULE, SLOT, USER = ConnectionId(b"module"), ConnectionId(b"slot"), ConnectionId(b"user")
 LIVES, RUNS = 300, 15
 KINDS = {
-    "command": ("command", 1), "asked": ("asked", 1), "observed": ("observed", 1), "sequence": ("command", 10),
-    "query": ("query", 1), "inform": ("inform", 1),
-}  # fmt: skip
+    "command": ("command", 1),
+    "asked": ("asked", 1),
+    "observed": ("observed", 1),
+    "sequence": ("command", 10),
+    "query": ("query", 1),
+    "inform": ("inform", 1),
+}
 """By name: the class of message, and how many are under way."""
 
 
 def central() -> Central:
     made = Central()
-    messages = [MessageFormat(name, MessageClass(name), "{}", "") for name in ("command", "query", "inform")]
-    messages += [MessageFormat(name, MessageClass.COMMAND, "{}", "") for name in ("asked", "observed")]
-    handlers = [HandlerFormat(one.name, "r", takes=["update"] * (one.name == "asked")) for one in messages]
-    for connection, module, place, resource in ((MODULE, "m", 0, ""), (SLOT, "m", 1, "r"), (USER, "u", 0, "")):
+    messages = [
+        MessageFormat(name, MessageClass(name), "{}", "") for name in ("command", "query", "inform")
+    ]
+    messages += [
+        MessageFormat(name, MessageClass.COMMAND, "{}", "") for name in ("asked", "observed")
+    ]
+    handlers = [
+        HandlerFormat(one.name, "r", takes=["update"] * (one.name == "asked")) for one in messages
+    ]
+    for connection, module, place, resource in (
+        (MODULE, "m", 0, ""),
+        (SLOT, "m", 1, "r"),
+        (USER, "u", 0, ""),
+    ):
         hello = headers.Hello(1, headers.PROTOCOL_VERSION, module, module, place, resource)
         made.handle(RequestReceived(0.0, connection, hello))
     made.handle(RequestReceived(0.0, MODULE, headers.Register(2, messages, handlers)))

@@ -1,5 +1,5 @@
-"""The costs of the kinds of handlers: the same query to a plain one, a coroutine, one whose thread has a timer, one
-that answers later from another thread.
+"""The costs of the kinds of handlers: the same query to a plain one, a coroutine, one whose thread
+has a timer, one that answers later from another thread.
 
     python -m dev.benchmarks.handlers [--rounds 3] [--seconds 1.0]
 

@@ -1,10 +1,11 @@
-"""The cost to open, measure and export a journal: seconds and megabytes for each million facts, at rising sizes.
+"""The cost to open, measure and export a journal: seconds and megabytes for each million facts, at
+rising sizes.
 
     python -m dev.benchmarks.journals [--sizes 100000,300000,1000000] [--ways read,fold,view]
 
-Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read, folded, laid out for the
-viewer's page, measured (stats) or exported (the formats of tca export), each in a process of its own. If cost is
-linear, the columns do not rise with the size.
+Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read,
+folded, laid out for the viewer's page, measured (stats) or exported (the formats of tca export),
+each in a process of its own. If cost is linear, the columns do not rise with the size.
 """
 
 import argparse
@@ -37,7 +38,9 @@ class Writer(Bench):
     def __init__(self, stream: BinaryIO) -> None:
         self.stream = stream
         self.facts = 1
-        stream.write(record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "bench", 1, 1_700_000_000.0, "0")])))
+        stream.write(
+            record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "bench", 1, 1_700_000_000.0, "0")]))
+        )
         super().__init__()
 
     def event(self, connection: ConnectionId, header: Any) -> None:
@@ -103,7 +106,10 @@ def main() -> None:
         print(*measure(arguments.measure[0], Path(arguments.measure[1])))
         return
     ways = arguments.ways.split(",")
-    print(f"{'facts':>10} {'MB on disk':>11} " + " ".join(f"{f'{way} s/M':>12} {'MB/M':>6}" for way in ways))
+    print(
+        f"{'facts':>10} {'MB on disk':>11} "
+        + " ".join(f"{f'{way} s/M':>12} {'MB/M':>6}" for way in ways)
+    )
     with tempfile.TemporaryDirectory() as folder:
         for size in map(int, arguments.sizes.split(",")):
             path = Path(folder) / f"{size}.tcaj"
@@ -113,8 +119,17 @@ def main() -> None:
                     writer.step()
             print(f"{writer.facts:>10,} {path.stat().st_size / 1e6:>11.1f} ", end="")
             for way in ways:
-                command = [sys.executable, "-m", "dev.benchmarks.journals", "--measure", way, str(path)]
-                told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+                command = [
+                    sys.executable,
+                    "-m",
+                    "dev.benchmarks.journals",
+                    "--measure",
+                    way,
+                    str(path),
+                ]
+                told = subprocess.run(
+                    command, check=True, capture_output=True, text=True
+                ).stdout.split()
                 seconds, megabytes = (float(number) / writer.facts * 1e6 for number in told)
                 print(f"{seconds:>12.2f} {megabytes:>6.0f} ", end="", flush=True)
             print()

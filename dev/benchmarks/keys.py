@@ -1,5 +1,5 @@
-"""What keys and the log of inputs cost: round trips and messages a second over TCP with them and without, in turns, and
-the ratios. Each has a journal.
+"""What keys and the log of inputs cost: round trips and messages a second over TCP with them and
+without, in turns, and the ratios. Each has a journal.
 
 python dev/benchmarks/keys.py [rounds]
 """
@@ -16,7 +16,11 @@ from pathlib import Path
 
 from tca_module import Client, Inform, Query, connect
 
-PING, NOTE, SEEN = Query("ping", bytes, reply=bytes), Inform("note", bytes), Query("seen", reply=int)
+PING, NOTE, SEEN = (
+    Query("ping", bytes, reply=bytes),
+    Inform("note", bytes),
+    Query("seen", reply=int),
+)
 TRIPS, MANY, OPEN = 300, 3000, 100
 BODY = b"x" * 100
 
@@ -81,13 +85,17 @@ def main(rounds: int) -> None:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         os.environ |= {"TCA_KEYS": str(folder / "keys"), "TCA_KEY": "user"}
-        subprocess.run([sys.executable, "-m", "tca_central.shell.keys_command", "new", "user"], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "tca_central.shell.keys_command", "new", "user"], check=True
+        )
         clients = {
             "keys": start(stack, "--journal", str(folder / "keys only"), "--no-inputs"),
             "keys, inputs": start(stack, "--journal", str(folder / "both")),
         }
         os.environ["TCA_KEY"] = "none"
-        clients["none"] = start(stack, "--insecure", "--journal", str(folder / "none"), "--no-inputs")
+        clients["none"] = start(
+            stack, "--insecure", "--journal", str(folder / "none"), "--no-inputs"
+        )
         for turn in range(rounds + 1):
             for name, client in clients.items():
                 for measure in (round_trip, queries, informs):
@@ -96,7 +104,9 @@ def main(rounds: int) -> None:
                         measured[measure.__name__][name].append(figure)
     for what, by_name in measured.items():
         for name, figures in by_name.items():
-            ratio = statistics.median(one / other for one, other in zip(figures, by_name["none"], strict=True))
+            ratio = statistics.median(
+                one / other for one, other in zip(figures, by_name["none"], strict=True)
+            )
             print(f"{what:11} {name:12} {shown(statistics.median(figures))}  ratio {ratio:.2f}")
 
 

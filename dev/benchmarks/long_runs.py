@@ -1,10 +1,12 @@
 """The cost of each tool for long runs: seconds and megabytes for four journals, at n/10 and at n.
 
-    python -m dev.benchmarks.long_runs [--shapes retries,children,levels,waits] [--tools tree,report] [--share 0.1]
+    python -m dev.benchmarks.long_runs [--shapes retries,children,levels,waits] [--tools
+    tree,report] [--share 0.1]
 
-The journals are made on the pure core: 10,000 retries of one command, 10,000 children of one task, 10,000 levels deep,
-100,000 waits of one resource (or a share of those). Each tool reads each in a process of its own. The ratio
-is of the seconds for each entry: about 1 if the cost is linear. Figures leave out the cost of an empty run.
+The journals are made on the pure core: 10,000 retries of one command, 10,000 children of one task,
+10,000 levels deep, 100,000 waits of one resource (or a share of those). Each tool reads each in a
+process of its own. The ratio is of the seconds for each entry: about 1 if the cost is linear.
+Figures leave out the cost of an empty run.
 """
 
 import argparse
@@ -52,9 +54,13 @@ class LongRun(Writer):
         """One task fails again and again; an exception handler retries it."""
         expert = ConnectionId(b"expert")
         rescue = MessageFormat("rescue", MessageClass.EXCEPTION, "{}", "")
-        self.event(expert, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e", 1, "expert"))
+        self.event(
+            expert, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e", 1, "expert")
+        )
         self.event(PLANNER, headers.Register(self.next(), [rescue], []))
-        self.event(expert, headers.Register(self.next(), [rescue], [HandlerFormat("rescue", "expert")]))
+        self.event(
+            expert, headers.Register(self.next(), [rescue], [HandlerFormat("rescue", "expert")])
+        )
         self.event(USER, headers.Attach(self.next(), Attachment("", "rescue", _ENDLESS)))
         task = TaskId(self.goal(0))
         for _ in range(count):
@@ -156,7 +162,10 @@ TOOLS: dict[str, Callable[[Path], object]] = {
     "stats": _command("stats"),
     "schedule": _command("schedule"),
     "view": _click,
-    **{f"export {name}": _command(f"export --to {name}", name) for name in ("jsonl", "csv", "mcap", "perfetto")},
+    **{
+        f"export {name}": _command(f"export --to {name}", name)
+        for name in ("jsonl", "csv", "mcap", "perfetto")
+    },
 }
 
 
@@ -184,20 +193,28 @@ def main() -> None:
         for shape in arguments.shapes.split(","):
             most = int(SHAPES[shape] * arguments.share)
             paths = [Path(folder) / f"{shape}{count}.tcaj" for count in (1, most // 10, most)]
-            entries = [make(shape, count, path) for count, path in zip((1, most // 10, most), paths, strict=True)]
+            entries = [
+                make(shape, count, path)
+                for count, path in zip((1, most // 10, most), paths, strict=True)
+            ]
             for tool in arguments.tools.split(","):
                 base, few, many = (_took(tool, path, arguments.patience) for path in paths)
                 (few_s, few_mb), (many_s, many_mb) = (
                     [a - b for a, b in zip(one, base, strict=True)] for one in (few, many)
                 )
                 figures = f"{few_s:>10.2f} {many_s:>7.2f} {many_s / few_s * entries[1] / entries[2]:>6.2f}"
-                print(f"{shape:>9} {most:>8,} {tool:>16} {figures} {few_mb:>11.1f} {many_mb:>7.1f}", flush=True)
+                print(
+                    f"{shape:>9} {most:>8,} {tool:>16} {figures} {few_mb:>11.1f} {many_mb:>7.1f}",
+                    flush=True,
+                )
 
 
 def _took(tool: str, path: Path, patience: float) -> tuple[float, float]:
     command = [sys.executable, "-m", "dev.benchmarks.long_runs", "--measure", tool, str(path)]
     try:
-        told = subprocess.run(command, check=True, capture_output=True, text=True, timeout=patience).stdout
+        told = subprocess.run(
+            command, check=True, capture_output=True, text=True, timeout=patience
+        ).stdout
     except subprocess.TimeoutExpired:
         return math.inf, math.inf
     seconds, megabytes = told.split()[-2:]

@@ -2,9 +2,9 @@
 
     python -m dev.benchmarks.periods [--tasks 1,10,100] [--rate 10] [--seconds 10] [--rounds 5]
 
-Each task of a round begins when it comes, and then does, at its rate, what a small controller does: a little arithmetic
-on numbers of the environment. Measured is by how much each iteration begins later than it is due, without the first
-second.
+Each task of a round begins when it comes, and then does, at its rate, what a small controller does:
+a little arithmetic on numbers of the environment. Measured is by how much each iteration begins
+later than it is due, without the first second.
 """
 
 import argparse
@@ -91,7 +91,9 @@ def play(address: str, tasks: int, rate: float, seconds: float) -> tuple[list[fl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--tasks", default="1,10,100")
     parser.add_argument("--rate", type=float, default=10)
     parser.add_argument("--seconds", type=float, default=10)

@@ -2,9 +2,10 @@
 
     python -m dev.benchmarks.preview [--lengths 10,100,1000,10000] [--rounds 7]
 
-Most machines are chains of states, whose activities take turns at four agents and variables. From each state of them
-another arrow leads to a dead end, or back to the start, or leaves out the next state and is almost as likely. The last
-machine is a tree whose arrows are all equally likely: there, the walk has to look everywhere.
+Most machines are chains of states, whose activities take turns at four agents and variables. From
+each state of them another arrow leads to a dead end, or back to the start, or leaves out the next
+state and is almost as likely. The last machine is a tree whose arrows are all equally likely:
+there, the walk has to look everywhere.
 """
 
 import argparse
@@ -37,7 +38,9 @@ class Chain:
     def __init__(self, arrows: Callable[[int, int], Sequence[LikelyArrow]], length: int) -> None:
         self.looked_at = 0
         self.length = length
-        self._arrows = [list(arrows(state, length)) if state < length else [] for state in range(2 * length + 1)]
+        self._arrows = [
+            list(arrows(state, length)) if state < length else [] for state in range(2 * length + 1)
+        ]
         self._activities = [self._activity(state) for state in range(2 * length + 1)]
 
     @staticmethod
@@ -57,7 +60,10 @@ class Chain:
 
     @property
     def needed(self) -> dict[int, dict[str, int]]:
-        bare = {state: [BareArrow(arrow.target) for arrow in arrows] for state, arrows in enumerate(self._arrows)}
+        bare = {
+            state: [BareArrow(arrow.target) for arrow in arrows]
+            for state, arrows in enumerate(self._arrows)
+        }
         return live_variables(bare, dict(enumerate(self._activities)))
 
 
@@ -66,7 +72,10 @@ def plain(state: int, _: int) -> list[LikelyArrow]:
 
 
 def dead_ends(state: int, length: int) -> list[LikelyArrow]:
-    return [LikelyArrow("failed", length + 1 + state, 0.0001), LikelyArrow("done", state + 1, 0.9999)]
+    return [
+        LikelyArrow("failed", length + 1 + state, 0.0001),
+        LikelyArrow("done", state + 1, 0.9999),
+    ]
 
 
 def back(state: int, _: int) -> list[LikelyArrow]:
@@ -75,7 +84,10 @@ def back(state: int, _: int) -> list[LikelyArrow]:
 
 def ladder(state: int, length: int) -> list[LikelyArrow]:
     """Of each two states one is left out, or not."""
-    return [LikelyArrow("short", min(state + 2, length), 0.45), LikelyArrow("done", state + 1, 0.55)]
+    return [
+        LikelyArrow("short", min(state + 2, length), 0.45),
+        LikelyArrow("done", state + 1, 0.55),
+    ]
 
 
 def tree(state: int, _: int) -> list[LikelyArrow]:
@@ -102,7 +114,9 @@ def least(rounds: int, work: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--lengths", default="10,100,1000,10000")
     parser.add_argument("--rounds", type=int, default=7)
     given = parser.parse_args()

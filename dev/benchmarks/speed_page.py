@@ -38,17 +38,29 @@ def page(report: Report) -> Iterator[str]:
     yield from ("", "The scale of the pictures is logarithmic; longer is better.")
     for table in report.tables:
         yield from ("", f"**{table.stage}: {table.case}** ({table.unit})", "")
-        yield f"| | to {table.reference} | of rounds | median | p99 | best | worst |".replace("| to  |", "| |")
+        yield f"| | to {table.reference} | of rounds | median | p99 | best | worst |".replace(
+            "| to  |", "| |"
+        )
         yield "|---|---|---|---|---|---|---|"
         yield from map(row, table.rows)
     if report.missing:
-        yield from ("", "Left out: " + "; ".join(f"{name} ({why})" for name, why in report.missing.items()) + ".")
+        yield from (
+            "",
+            "Left out: "
+            + "; ".join(f"{name} ({why})" for name, why in report.missing.items())
+            + ".",
+        )
 
 
 def row(one: Standing) -> str:
     ratio = f"**{number(one.ratio)}**" if one.ratio is not None else ""
-    spread = f"{number(one.least_ratio)} - {number(one.most_ratio)}" if one.ratio is not None else ""
-    figures = (number(value) if value is not None else "" for value in (one.median, one.p99, one.best, one.worst))
+    spread = (
+        f"{number(one.least_ratio)} - {number(one.most_ratio)}" if one.ratio is not None else ""
+    )
+    figures = (
+        number(value) if value is not None else ""
+        for value in (one.median, one.p99, one.best, one.worst)
+    )
     return f"| {one.contestant} | {ratio} | {spread} | {' | '.join(figures)} |"
 
 
@@ -62,7 +74,9 @@ def picture(title: str, tables: list[Comparison]) -> str:
         body.append(f'<text class="faint tick" x="{x:.0f}" y="46">{part:g}</text>')
     top += 26
     for table in tables:
-        body.append(f'<text x="{_MARGIN}" y="{top + 6:.0f}" font-weight="bold">{text(table.case)}</text>')
+        body.append(
+            f'<text x="{_MARGIN}" y="{top + 6:.0f}" font-weight="bold">{text(table.case)}</text>'
+        )
         top += _ROW
         for one in table.rows:
             if not one.ratio:
@@ -71,9 +85,13 @@ def picture(title: str, tables: list[Comparison]) -> str:
             end = names + _MARGIN + max(math.log10(part / _LEAST) / full * _WIDTH, 1.0)
             ours = one.contestant.startswith(("central", "module library"))
             look = "limit" if one.contestant == table.reference else "ours" if ours else "other"
-            body.append(f'<text class="faint" x="{_MARGIN}" y="{top + 6:.0f}">{text(one.contestant)}</text>')
+            body.append(
+                f'<text class="faint" x="{_MARGIN}" y="{top + 6:.0f}">{text(one.contestant)}</text>'
+            )
             body.append(rectangle(f'class="{look}"', names + _MARGIN, top - 4, end, _BAR))
-            body.append(f'<text class="faint" x="{end + 4:.0f}" y="{top + 6:.0f}">{number(part)}</text>')
+            body.append(
+                f'<text class="faint" x="{end + 4:.0f}" y="{top + 6:.0f}">{number(part)}</text>'
+            )
             top += _ROW
         top += 8
     return document(names + _WIDTH + 70, top + 4, title, _STYLE, body)
@@ -82,7 +100,11 @@ def picture(title: str, tables: list[Comparison]) -> str:
 def main() -> None:
     report = msgspec.json.decode(Path(sys.argv[1]).read_bytes(), type=Report)
     for name, (title, stage) in PICTURES.items():
-        tables = [table for table in report.tables if table.stage == stage and not table.case.startswith(SIZES)]
+        tables = [
+            table
+            for table in report.tables
+            if table.stage == stage and not table.case.startswith(SIZES)
+        ]
         (DOCS / "images" / name).write_text(picture(title, tables))
     words = (DOCS / "speed.md").read_text().partition(BEGIN)[0].rstrip()
     (DOCS / "speed.md").write_text("\n".join([words, "", *page(report), ""]))

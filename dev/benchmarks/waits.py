@@ -2,9 +2,10 @@
 
     python -m dev.benchmarks.waits [--sizes 1000,20000,150000] [--seconds 7]
 
-A goal sends commands that all wait for busy legs. Meanwhile a program asks a question of somebody else, again and
-again: how long does the longest answer take? First nobody waits; then a client in ``wait()``; then the handlers of 1
-and of 40 questions, which is what a deadlock could come of: so central looks at all that they wait for, in slices.
+A goal sends commands that all wait for busy legs. Meanwhile a program asks a question of somebody
+else, again and again: how long does the longest answer take? First nobody waits; then a client in
+``wait()``; then the handlers of 1 and of 40 questions, which is what a deadlock could come of: so
+central looks at all that they wait for, in slices.
 """
 
 import argparse
@@ -24,14 +25,19 @@ HANDLERS = 40
 
 
 class Crowd:
-    """A goal whose commands wait; those who may be asked whether it is done; somebody who knows nothing of all that."""
+    """A goal whose commands wait; those who may be asked whether it is done; somebody who knows
+    nothing of all that.
+    """
 
     def __init__(self, address: str, seconds: float) -> None:
         self.seconds = seconds  #: that a handler waits
         self.may_end = threading.Event()
         self.is_made = threading.Event()
         self.planner, self.stranger = Module("planner", address), Module("stranger", address)
-        self.legs, self.watcher = Module("legs", address), Module("watcher", address, capacity=HANDLERS)
+        self.legs, self.watcher = (
+            Module("legs", address),
+            Module("watcher", address, capacity=HANDLERS),
+        )
         self.planner.handles(WALK)(self._walk)
         self.legs.handles(MOVE)(self._move)
         self.stranger.handles(PING)(lambda _, number: number)
@@ -80,11 +86,19 @@ def ask(address: str, walk: int, seconds: float) -> None:
         client.query(IS_DONE, walk, timeout=seconds + 60)
 
 
-WAITERS = {"nobody": (wait, 0), "a client": (wait, 1), "a handler": (ask, 1), "40 handlers": (ask, HANDLERS)}
+WAITERS = {
+    "nobody": (wait, 0),
+    "a client": (wait, 1),
+    "a handler": (ask, 1),
+    "40 handlers": (ask, HANDLERS),
+}
 
 
 def measure(size: int, seconds: float) -> dict[str, list[float]]:
-    with tempfile.TemporaryDirectory() as name, central(Path(name), "--journal", f"{name}/journal") as address:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        central(Path(name), "--journal", f"{name}/journal") as address,
+    ):
         crowd, found = Crowd(address, seconds), {}
         with (
             crowd.planner.running(patience=PATIENCE),
@@ -97,7 +111,10 @@ def measure(size: int, seconds: float) -> dict[str, list[float]]:
             crowd.is_made.wait()
             time.sleep(1.0)
             for title, (target, number) in WAITERS.items():
-                threads = [threading.Thread(target=target, args=(address, walk, seconds)) for _ in range(number)]
+                threads = [
+                    threading.Thread(target=target, args=(address, walk, seconds))
+                    for _ in range(number)
+                ]
                 for thread in threads:
                     thread.start()
                 time.sleep(0.5 if number else 0)
@@ -111,11 +128,15 @@ def measure(size: int, seconds: float) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sizes", default="1000,20000,150000")
     parser.add_argument("--seconds", type=float, default=7.0)
     arguments = parser.parse_args()
-    print(f"{'subtasks':>10}{'who waits':>13}{'median ms':>11}{'p99':>7}{'max':>7}{'max / nobody':>14}")
+    print(
+        f"{'subtasks':>10}{'who waits':>13}{'median ms':>11}{'p99':>7}{'max':>7}{'max / nobody':>14}"
+    )
     for size in map(int, arguments.sizes.split(",")):
         found = measure(size, arguments.seconds)
         for title, taken in found.items():
@@ -123,7 +144,10 @@ def main() -> None:
             worst = taken[-1]
             p99, ratio = taken[len(taken) * 99 // 100], worst / found["nobody"][-1]
             median = statistics.median(taken)
-            print(f"{size:>10,}{title:>13}{median:>11.2f}{p99:>7.1f}{worst:>7.1f}{ratio:>14.1f}", flush=True)
+            print(
+                f"{size:>10,}{title:>13}{median:>11.2f}{p99:>7.1f}{worst:>7.1f}{ratio:>14.1f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

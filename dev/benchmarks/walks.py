@@ -1,4 +1,5 @@
-"""Walks of the Ambler, one after the other, and a table of them. Options that are not known here are the walks'.
+"""Walks of the Ambler, one after the other, and a table of them. Options that are not known here
+are the walks'.
 
 python -m dev.benchmarks.walks seeds --distance 500 --terrain hills --faults all
 python -m dev.benchmarks.walks modes --distance 12 --terrain hills --pace 20
@@ -20,9 +21,21 @@ from tca_tools.journal.journals import open_log
 from tca_wire.points import Moment
 
 SEED_TITLES = (
-    "seed", "way", "footsteps", "steepest", "faults recovered", "kinds", "operator", "greatest tilt", "least margin",
-    "error", "rules", "time", "processor", "memory of central and all",
-)  # fmt: skip
+    "seed",
+    "way",
+    "footsteps",
+    "steepest",
+    "faults recovered",
+    "kinds",
+    "operator",
+    "greatest tilt",
+    "least margin",
+    "error",
+    "rules",
+    "time",
+    "processor",
+    "memory of central and all",
+)
 MODE_TITLES = "mode", "speed", "a step", "something moves", "something plans", "busiest"
 
 WAITING = (TAKE_STEPS.name, ACQUIRE_IMAGE.name)
@@ -34,7 +47,9 @@ def walk(folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
     code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
     written = folder / "figures.json"
-    return code == 0, msgspec.json.decode(written.read_bytes(), type=Figures) if written.exists() else None
+    return code == 0, msgspec.json.decode(
+        written.read_bytes(), type=Figures
+    ) if written.exists() else None
 
 
 def row_of_seed(has_arrived: bool, figures: Figures) -> list[str]:
@@ -59,17 +74,27 @@ def row_of_seed(has_arrived: bool, figures: Figures) -> list[str]:
 
 
 def row_of_mode(history: History, footsteps: int) -> list[str]:
-    """Metres a minute, seconds a step, shares of the time from the first move to the last, and the program that was
-    busy for the greatest share.
+    """Metres a minute, seconds a step, shares of the time from the first move to the last, and the
+    program that was busy for the greatest share.
     """
-    moves = [handling for task in history.tasks.values() if task.name in (MOVE_LEG.name, MOVE_BODY.name)
-             for handling in task.handlings]  # fmt: skip
+    moves = [
+        handling
+        for task in history.tasks.values()
+        if task.name in (MOVE_LEG.name, MOVE_BODY.name)
+        for handling in task.handlings
+    ]
     first, last = min(move.start for move in moves), max(move.until for move in moves)
     span = last - first
     moving = sum(move.until - move.start for move in moves)
-    plans = [task.reached for task in history.tasks.values() if task.name in (TAKE_STEPS.name, UPDATE_MAP.name)]
+    plans = [
+        task.reached
+        for task in history.tasks.values()
+        if task.name in (TAKE_STEPS.name, UPDATE_MAP.name)
+    ]
     planning = sum(
-        plan[Moment.END_HANDLING] - plan[Moment.START_HANDLING] for plan in plans if plan[Moment.END_HANDLING] <= last
+        plan[Moment.END_HANDLING] - plan[Moment.START_HANDLING]
+        for plan in plans
+        if plan[Moment.END_HANDLING] <= last
     )
     busy: defaultdict[str, float] = defaultdict(float)
     for handling in history.handlings:
@@ -97,7 +122,10 @@ def walk_over_seeds(seeds: list[int], out: Path, options: list[str]) -> bool:
         folder = out / f"seed-{seed}"
         has_arrived, figures = walk(folder, ["--seed", str(seed), "--pace", "0", *options])
         arrivals.append(has_arrived)
-        show(str(seed), *(row_of_seed(has_arrived, figures) if figures else [f"no figures: see {folder}"]))
+        show(
+            str(seed),
+            *(row_of_seed(has_arrived, figures) if figures else [f"no figures: see {folder}"]),
+        )
     return all(arrivals)
 
 
@@ -115,7 +143,9 @@ def main() -> int:
     """The command line. Exit code 1 if a walk was given up."""
     parser = argparse.ArgumentParser(prog="python -m dev.benchmarks.walks", description=__doc__)
     parser.add_argument("table", choices=("seeds", "modes"))
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)), help="the hills of the table")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=list(range(1, 11)), help="the hills of the table"
+    )
     parser.add_argument("--out", type=Path, default=Path("walks"), help="folder for the walks")
     known, options = parser.parse_known_args()
     known.out.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,8 @@
-"""``python -m dev.fuzz TARGET --seconds 60``: atheris looks for bytes that break a target, guided by what they reach.
+"""``python -m dev.fuzz TARGET --seconds 60``: atheris looks for bytes that break a target, guided
+by what they reach.
 
-A fault ends it with exit code 77 and leaves the bytes in a file, whose name is said; ``--again FILE`` runs that once
-more.
+A fault ends it with exit code 77 and leaves the bytes in a file, whose name is said; ``--again
+FILE`` runs that once more.
 """
 
 import argparse
@@ -18,9 +19,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m dev.fuzz", description=__doc__)
     parser.add_argument("target", help="what is attacked: see dev/fuzz/targets.py")
     parser.add_argument("--seconds", type=int, default=60, help="how long")
-    parser.add_argument("--seed", type=int, default=0, help="of the fuzzer's own choices (0: another one each time)")
-    parser.add_argument("--corpus", type=Path, help="folder of inputs that reached something new, kept from run to run")
-    parser.add_argument("--faults", type=Path, default=Path(), help="folder for the bytes of a fault")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the fuzzer's own choices (0: another one each time)"
+    )
+    parser.add_argument(
+        "--corpus",
+        type=Path,
+        help="folder of inputs that reached something new, kept from run to run",
+    )
+    parser.add_argument(
+        "--faults", type=Path, default=Path(), help="folder for the bytes of a fault"
+    )
     parser.add_argument("--again", type=Path, help="run this file's bytes once, without atheris")
     asked = parser.parse_args()
     if asked.again is not None:
@@ -37,9 +46,16 @@ def main() -> None:
             Path(seeds, str(number)).write_bytes(seed)
         corpus = [str(asked.corpus)] if asked.corpus else []
         options = [
-            f"-max_total_time={asked.seconds}", f"-max_len={target.most}", f"-seed={asked.seed}",
-            f"-artifact_prefix={asked.faults}/", "-timeout=20", "-rss_limit_mb=4096", "-len_control=0", *corpus, seeds,
-        ]  # fmt: skip
+            f"-max_total_time={asked.seconds}",
+            f"-max_len={target.most}",
+            f"-seed={asked.seed}",
+            f"-artifact_prefix={asked.faults}/",
+            "-timeout=20",
+            "-rss_limit_mb=4096",
+            "-len_control=0",
+            *corpus,
+            seeds,
+        ]
         atheris.Setup(["fuzz", *options], target.attack)
         atheris.Fuzz()
 

@@ -1,4 +1,6 @@
-"""Bytes read as a row of choices: whoever makes the bytes, a fuzzer or a random generator, makes the choices."""
+"""Bytes read as a row of choices: whoever makes the bytes, a fuzzer or a random generator, makes
+the choices.
+"""
 
 from collections.abc import Sequence
 from typing import TypeVar

@@ -1,6 +1,8 @@
-"""Headers made of choices: every type of the protocol by its type hints, with fields that mostly make sense now.
+"""Headers made of choices: every type of the protocol by its type hints, with fields that mostly
+make sense now.
 
-A new header, or a new field, needs nothing here: its type says what fits. What makes sense is a matter of its name.
+A new header, or a new field, needs nothing here: its type says what fits. What makes sense is a
+matter of its name.
 """
 
 import types
@@ -13,8 +15,33 @@ import msgspec
 
 from dev.fuzz.choices import Choices
 
-INTEGERS = (0, -1, -2, 1, 2, 1 << 31, -(1 << 31), (1 << 53) + 1, (1 << 63) - 1, -(1 << 63), (1 << 64) - 1)
-FLOATS = (0.0, -0.0, -1.0, 0.5, 3.0, 1e-300, 1e300, 3.2e8, 3.3e8, float("nan"), float("inf"), float("-inf"))
+INTEGERS = (
+    0,
+    -1,
+    -2,
+    1,
+    2,
+    1 << 31,
+    -(1 << 31),
+    (1 << 53) + 1,
+    (1 << 63) - 1,
+    -(1 << 63),
+    (1 << 64) - 1,
+)
+FLOATS = (
+    0.0,
+    -0.0,
+    -1.0,
+    0.5,
+    3.0,
+    1e-300,
+    1e300,
+    3.2e8,
+    3.3e8,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+)
 TEXTS = (
     "", " ", "\x1b[2J\x1b]0;mine\x07", "two\nlines\r\n", "../../etc/passwd", "/abs", "a\x00b", "\u202etxt",
     "'quoted'", '"',
@@ -97,7 +124,9 @@ def _fields(kind: type[msgspec.Struct]) -> tuple[tuple[tuple[str, Any], ...], in
     """The fields of a struct with their hints, and how many have no default."""
     hints = get_type_hints(kind, include_extras=True)
     fields = msgspec.structs.fields(kind)
-    return tuple((field.name, hints[field.name]) for field in fields), sum(field.required for field in fields)
+    return tuple((field.name, hints[field.name]) for field in fields), sum(
+        field.required for field in fields
+    )
 
 
 def damaged(packet: bytes, choices: Choices) -> bytes:
@@ -109,4 +138,8 @@ def damaged(packet: bytes, choices: Choices) -> bytes:
         return packet[:at] + bytes([packet[at] ^ (1 << choices.below(8))]) + packet[at + 1 :]
     if kind == 1:
         return packet[:at] + choices.take(choices.below(8)) + packet[at + choices.below(8) :]
-    return packet[:at] if kind == 2 else packet[:at] + packet[at : at + choices.below(64)] + packet[at:]
+    return (
+        packet[:at]
+        if kind == 2
+        else packet[:at] + packet[at : at + choices.below(64)] + packet[at:]
+    )

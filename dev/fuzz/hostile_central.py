@@ -1,9 +1,11 @@
-"""Central under hostile clients: a small robot is at work, and several connections say what they like.
+"""Central under hostile clients: a small robot is at work, and several connections say what they
+like.
 
-Each step is what the server does with what it gets: bytes are unpacked, their items let happen, what follows is packed,
-recorded and logged. Never an exception; the invariants hold after each step; central's words can be read by a module,
-its entries by a reader of journals; and a second central that gets the same bytes, and is restarted from an image of
-itself now and then, does the same.
+Each step is what the server does with what it gets: bytes are unpacked, their items let happen,
+what follows is packed, recorded and logged. Never an exception; the invariants hold after each
+step; central's words can be read by a module, its entries by a reader of journals; and a second
+central that gets the same bytes, and is restarted from an image of itself now and then, does the
+same.
 """
 
 import io
@@ -82,7 +84,8 @@ def beginning() -> list[tuple[bytes, bytes]]:
     handles = {
         b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs", direct=True)],
         b"planner": [
-            HandlerFormat(name, "planner", "all") for name in ("walk", "where", "all", "pose", "mode", "recover")
+            HandlerFormat(name, "planner", "all")
+            for name in ("walk", "where", "all", "pose", "mode", "recover")
         ],
     }
     packets = [(b"user", packed(_hello("user"), declares))]
@@ -91,7 +94,10 @@ def beginning() -> list[tuple[bytes, bytes]]:
         packets.append((module, packed(_hello(name), declares, Register(3, [], handlers))))
         packets.append((module + b"/1", packed(_hello(name, 1))))
     packets.append((b"legs/2", packed(_hello("legs", 2))))
-    sends = [(Send(3 + number, name, TaskId(0)), b"\x07") for number, name in enumerate(("walk", "move", "where"))]
+    sends = [
+        (Send(3 + number, name, TaskId(0)), b"\x07")
+        for number, name in enumerate(("walk", "move", "where"))
+    ]
     asides = (
         Attach(6, Attachment("", "recover")),
         Tap(7, Condition.BEFORE_HANDLING, "note", "move"),
@@ -106,7 +112,16 @@ def _hello(module: str, connection: int = 0) -> Hello:
     entrance = Entrance(f"ipc:///{module}/{connection}", "its key") if connection == 2 else None
     resource = module if connection else ""
     return Hello(
-        1, PROTOCOL_VERSION, module, f"run of {module}", connection, resource, "here:1", entrance, b"", 8 * connection
+        1,
+        PROTOCOL_VERSION,
+        module,
+        f"run of {module}",
+        connection,
+        resource,
+        "here:1",
+        entrance,
+        b"",
+        8 * connection,
     )
 
 
@@ -119,7 +134,9 @@ class Attacked:
         """What it said and recorded, in order."""
         self._lines = LogLines(_SILENT, self.central)
         self._journal = io.BytesIO()
-        self._journal.write(record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "test", 0, 0.0, "fuzz")])))
+        self._journal.write(
+            record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "test", 0, 0.0, "fuzz")]))
+        )
 
     def arrive(self, time: float, line: bytes, packet: bytes, principal: str = "") -> None:
         """A packet arrives."""
@@ -146,7 +163,9 @@ class Attacked:
     @staticmethod
     def _said(effect: Transmit) -> bytes:
         packet = pack_item(effect.header, effect.body)
-        assert unpack_to_module(packet) == [(effect.header, effect.body)], "a module reads something else"
+        assert unpack_to_module(packet) == [(effect.header, effect.body)], (
+            "a module reads something else"
+        )
         return bytes(effect.connection) + packet
 
     def check_journal(self) -> None:
@@ -238,7 +257,11 @@ class Attack:
             elif choices.is_one_in(3) and (given := self._given_to(line)):
                 delivery = choices.one_of(given)
                 is_done = choices.below(3)
-                header = headers.Reply(delivery) if is_done else headers.Fail(delivery, choices.one_of(_FAILURES))
+                header = (
+                    headers.Reply(delivery)
+                    if is_done
+                    else headers.Fail(delivery, choices.one_of(_FAILURES))
+                )
             else:
                 header = grammar.header(choices.one_of(_HEADERS))
             yield header, choices.take(choices.below(6))
@@ -253,10 +276,12 @@ class Attack:
         for attacked in self._attacked:
             attacked.happen(event)
 
-    # --- what makes sense now --------------------------------------------------------------------------------------
+    # --- what makes sense now ---------------------------------------------------------------------
 
     def _numbers(self) -> list[int]:
-        last = max((one.last_number for one in self.central.registry.connections.values()), default=0)
+        last = max(
+            (one.last_number for one in self.central.registry.connections.values()), default=0
+        )
         return [last + 1, 0, last, *range(1, min(last, 12))] if last < 1 << 62 else [0]
 
     def _deliveries(self) -> list[int]:
@@ -279,7 +304,9 @@ def attack(data: bytes) -> None:
 
 
 def attack_with_bytes(data: bytes) -> None:
-    """Packets as they are, each after a byte that says on which line it comes and two for its length."""
+    """Packets as they are, each after a byte that says on which line it comes and two for its
+    length.
+    """
     one, other = Attacked(), Attacked()
     for attacked in (one, other):
         for line, packet in beginning():
@@ -296,5 +323,8 @@ def attack_with_bytes(data: bytes) -> None:
 
 def seeds_of_bytes() -> list[bytes]:
     """The robot's own packets, as inputs of ``attack_with_bytes``."""
-    whole = b"".join(bytes([LINES.index(line)]) + len(packet).to_bytes(2) + packet for line, packet in beginning())
+    whole = b"".join(
+        bytes([LINES.index(line)]) + len(packet).to_bytes(2) + packet
+        for line, packet in beginning()
+    )
     return [whole, *(whole[:size] for size in range(0, len(whole), 300))]

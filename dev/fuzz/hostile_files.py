@@ -1,5 +1,6 @@
-"""Readers of what others wrote: journals, data, and formats of data. What can't be read is a JournalDamaged or BadData,
-never another exception, and what is shown of the rest steers no terminal.
+"""Readers of what others wrote: journals, data, and formats of data. What can't be read is a
+JournalDamaged or BadData, never another exception, and what is shown of the rest steers no
+terminal.
 """
 
 import io
@@ -29,14 +30,19 @@ _CAUSES = Cause.__args__
 def _segment(data: bytes) -> bytes:
     """A segment of records with any facts, of which some are damaged."""
     choices = Choices(data)
-    grammar = Grammar(choices, {"number": lambda: range(1, 9), "id": lambda: range(1, 9), "task": lambda: range(9)})
+    grammar = Grammar(
+        choices,
+        {"number": lambda: range(1, 9), "id": lambda: range(1, 9), "task": lambda: range(9)},
+    )
     parts = [_OPENED]
     while not choices.is_over and len(parts) < MOST_RECORDS:
         kind = choices.below(12)
         facts = [grammar.header(choices.one_of(_FACTS)) for _ in range(1 + choices.below(2))]
         entry = Entry(len(parts), len(parts) / 4, facts, grammar.header(choices.one_of(_CAUSES)))
         whole = record(entry)
-        parts.append(damaged(whole, choices) if kind == 0 else choices.take(30) if kind == 1 else whole)
+        parts.append(
+            damaged(whole, choices) if kind == 0 else choices.take(30) if kind == 1 else whole
+        )
     if choices.is_one_in(8):
         parts[0] = damaged(parts[0], choices)
     return b"".join(parts)
@@ -55,11 +61,15 @@ def _read(segment: bytes) -> list[Entry]:
 
 
 def attack_journal(data: bytes) -> None:
-    """A segment that somebody has written, or damaged; what can be read of it is folded as the tools do."""
+    """A segment that somebody has written, or damaged; what can be read of it is folded as the
+    tools do.
+    """
     segment, history = _segment(data), History()
     entries = _read(segment)
     again = _read(segment)
-    assert list(map(record, entries)) == list(map(record, again)), "a segment reads differently the second time"
+    assert list(map(record, entries)) == list(map(record, again)), (
+        "a segment reads differently the second time"
+    )
     for entry in entries:
         history.apply(entry)
     history.go_on(None)
@@ -75,7 +85,7 @@ def seeds_of_journals() -> list[bytes]:
     return [_segment(bytes(range(start, start + 120))) for start in (0, 60, 120)]
 
 
-# --- data and formats ------------------------------------------------------------------------------------------------
+# --- data and formats -----------------------------------------------------------------------------
 
 
 @dataclass
@@ -85,7 +95,17 @@ class _Leg:
     name: str | None = None
 
 
-_KINDS: tuple[Any, ...] = (int, float, str, bytes, _Leg, list[_Leg], dict[str, int], _Leg | None, Any)
+_KINDS: tuple[Any, ...] = (
+    int,
+    float,
+    str,
+    bytes,
+    _Leg,
+    list[_Leg],
+    dict[str, int],
+    _Leg | None,
+    Any,
+)
 _FORMATS: tuple[Format[Any], ...] = tuple(map(Format, _KINDS))
 
 
@@ -102,7 +122,17 @@ def attack_data(data: bytes) -> None:
 
 def seeds_of_data() -> list[bytes]:
     """Data of several types."""
-    values: tuple[Any, ...] = (7, 0.5, "leg", b"\x00", _Leg(1, [0.5]), [_Leg(2, [], "left")], {"a": 1}, None, [[{}]])
+    values: tuple[Any, ...] = (
+        7,
+        0.5,
+        "leg",
+        b"\x00",
+        _Leg(1, [0.5]),
+        [_Leg(2, [], "left")],
+        {"a": 1},
+        None,
+        [[{}]],
+    )
     return [_FORMATS[-1].encode(value) for value in values]
 
 
@@ -112,9 +142,27 @@ _KEYS = (
     "b",
 )  # fmt: skip
 _VALUES = (
-    "object", "array", "string", "integer", "number", "null", "date-time", "base64", "a", "b", "#/$defs/a", "#/$defs/b",
-    0, -1, 1e400, None, True, False, "", "\ud800",
-)  # fmt: skip
+    "object",
+    "array",
+    "string",
+    "integer",
+    "number",
+    "null",
+    "date-time",
+    "base64",
+    "a",
+    "b",
+    "#/$defs/a",
+    "#/$defs/b",
+    0,
+    -1,
+    1e400,
+    None,
+    True,
+    False,
+    "",
+    "\ud800",
+)
 _DEEPEST = 6
 
 

@@ -1,4 +1,6 @@
-"""Images of central's state that no central has written: an ImageError, or a central, and nothing else."""
+"""Images of central's state that no central has written: an ImageError, or a central, and nothing
+else.
+"""
 
 import contextlib
 import struct
@@ -31,7 +33,9 @@ _TITLE, _, _REST = _image().partition(b"\n")
 
 
 def attack(data: bytes) -> None:
-    """A real image in which something is changed, with the check sum made anew; now and then without."""
+    """A real image in which something is changed, with the check sum made anew; now and then
+    without.
+    """
     choices = Choices(data)
     tables = msgspec.msgpack.decode(_REST[_CHECK.size :])
     for _ in range(1 + choices.below(4)):
@@ -40,7 +44,9 @@ def attack(data: bytes) -> None:
     content = damaged(content, choices) if choices.is_one_in(8) else content
     image = _TITLE + b"\n" + _CHECK.pack(len(content), zlib.crc32(content)) + content
     with contextlib.suppress(ImageError):
-        assert isinstance(decode(damaged(image, choices) if choices.is_one_in(16) else image), Central)
+        assert isinstance(
+            decode(damaged(image, choices) if choices.is_one_in(16) else image), Central
+        )
 
 
 def _change(tables: list[Any], choices: Choices) -> None:

@@ -1,5 +1,6 @@
-"""Logs of inputs that somebody else has written, as ``tca check --rerun`` gets them: a CentralError at most. A central
-that starts on them writes on, and is killed, again and again: each restart continues, however the ends were left.
+"""Logs of inputs that somebody else has written, as ``tca check --rerun`` gets them: a CentralError
+at most. A central that starts on them writes on, and is killed, again and again: each restart
+continues, however the ends were left.
 """
 
 import contextlib
@@ -33,8 +34,13 @@ _KINDS: tuple[Any, ...] = (*Input.__args__, Ended)
 
 def _segment(choices: Choices, *, is_first: bool) -> bytes:
     encode = msgspec.msgpack.Encoder().encode
-    grammar = Grammar(choices, {"time": lambda: (1.0, 2.0, 50.0), "connection": lambda: LINES, "index": lambda: (0, 1)})
-    head = Head(INPUT_VERSION, "run", "0.1", is_first, Sync.BATCH, "boot", 0.0, 0.0, PROTOCOL_VERSION)
+    grammar = Grammar(
+        choices,
+        {"time": lambda: (1.0, 2.0, 50.0), "connection": lambda: LINES, "index": lambda: (0, 1)},
+    )
+    head = Head(
+        INPUT_VERSION, "run", "0.1", is_first, Sync.BATCH, "boot", 0.0, 0.0, PROTOCOL_VERSION
+    )
     records = [head, *(Arrived(0.0, ConnectionId(line), packet) for line, packet in beginning())]
     records += [grammar.header(choices.one_of(_KINDS)) for _ in range(choices.below(MOST_INPUTS))]
     written = [framed(encode(one)) for one in records]
@@ -101,11 +107,15 @@ def _leave_ends(folder: Path, choices: Choices) -> None:
     torn = framed(msgspec.msgpack.encode(Tick(1.0)))
     for suffix in (INPUT_SUFFIX, SEGMENT_SUFFIX):
         newest = numbers(folder, suffix)[-1]
-        end = choices.one_of((b"", torn[:-1], torn[:3], bytes(choices.below(9) * 1000), b"\xce" + choices.take(30)))
+        end = choices.one_of(
+            (b"", torn[:-1], torn[:3], bytes(choices.below(9) * 1000), b"\xce" + choices.take(30))
+        )
         with (folder / f"{newest:08d}{suffix}").open("ab") as stream:
             stream.write(end)
         for number in range(choices.below(3)):
-            (folder / f"{newest + 1 + number:08d}{suffix}").write_bytes(bytes(choices.below(2) * 50))
+            (folder / f"{newest + 1 + number:08d}{suffix}").write_bytes(
+                bytes(choices.below(2) * 50)
+            )
 
 
 def _restart(folder: Path, choices: Choices) -> None:

@@ -1,5 +1,5 @@
-"""The module library under a hostile central, and its direct lines under hostile modules: never an exception, and
-whatever the library says can be read by those to whom it says it.
+"""The module library under a hostile central, and its direct lines under hostile modules: never an
+exception, and whatever the library says can be read by those to whom it says it.
 """
 
 import logging
@@ -18,7 +18,13 @@ from tca_module.session.session import HELLO_NUMBER, Session
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import headers
 from tca_wire.packets.codec import misfit, pack_item, unpack_to_central, unpack_to_module
-from tca_wire.packets.direct import FromEntrance, Greet, ToEntrance, unpack_from_entrance, unpack_to_entrance
+from tca_wire.packets.direct import (
+    FromEntrance,
+    Greet,
+    ToEntrance,
+    unpack_from_entrance,
+    unpack_to_entrance,
+)
 from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Reply, Send, ToCentral, ToModule
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Entrance
@@ -53,7 +59,7 @@ class _Steps:
         return self.now
 
 
-# --- a session -------------------------------------------------------------------------------------------------------
+# --- a session ------------------------------------------------------------------------------------
 
 
 class _Client:
@@ -62,16 +68,29 @@ class _Client:
     def __init__(self, data: bytes) -> None:
         self.steps = _Steps(data)
         self.choices = self.steps.choices
-        self.session = Session(Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs", 1, "legs"))
+        self.session = Session(
+            Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs", 1, "legs")
+        )
         self.requests: list[Request] = []
         self.given: list[int] = []
-        self._grammar = Grammar(self.choices, {
-            "number": self._numbers, "delivery": lambda: [*self.given[-4:], 1, 2], "message": lambda: _NAMES,
-            "ahead": lambda: (0, 1, 2), "deliveries": lambda: self.given[-4:], "epoch": lambda: ("one", "two"),
-        })  # fmt: skip
-        formats = [MessageFormat(name, one, "{}") for name, one in zip(_NAMES, _CLASSES, strict=True)]
+        self._grammar = Grammar(
+            self.choices,
+            {
+                "number": self._numbers,
+                "delivery": lambda: [*self.given[-4:], 1, 2],
+                "message": lambda: _NAMES,
+                "ahead": lambda: (0, 1, 2),
+                "deliveries": lambda: self.given[-4:],
+                "epoch": lambda: ("one", "two"),
+            },
+        )
+        formats = [
+            MessageFormat(name, one, "{}") for name, one in zip(_NAMES, _CLASSES, strict=True)
+        ]
         self.session.declared(formats, [HandlerFormat("move", "legs")], is_ready=True)
-        self.session.receive(headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0)
+        self.session.receive(
+            headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0
+        )
 
     def _numbers(self) -> list[int]:
         return [one.header.number for one in self.requests[-6:]] + [0, HELLO_NUMBER]
@@ -112,7 +131,9 @@ class _Client:
                 self.session.post(header)
             return
         try:
-            self.requests.append(self.session.request(header, b"\x07", wants_answer=self.choices.is_one_in(2)))
+            self.requests.append(
+                self.session.request(header, b"\x07", wants_answer=self.choices.is_one_in(2))
+            )
             task = Send(0, self.choices.one_of(_NAMES))
             self.requests.append(self.session.send(task, b"\x07", "a task"))
         except MisuseError:
@@ -130,7 +151,9 @@ class _Client:
             session.reply(answer, b"\xc0", self.steps.now)
 
     def leave(self) -> None:
-        """What is to be said leaves, and the thread that owns the connection does what there is to do."""
+        """What is to be said leaves, and the thread that owns the connection does what there is to
+        do.
+        """
         session = self.session
         while session.news:
             session.news.popleft()()
@@ -149,7 +172,7 @@ def attack_session(data: bytes) -> None:
         client.step(kind)
 
 
-# --- direct lines ----------------------------------------------------------------------------------------------------
+# --- direct lines ---------------------------------------------------------------------------------
 
 
 class _Socket:
@@ -190,10 +213,17 @@ def attack_entrance(data: bytes) -> None:
     choices = steps.choices
     socket, notes = _Socket(choices, unpack_from_entrance), NoteBatch()
     inbox = Inbox(socket, KEY, {"note": False, "where": True}, notes, steps.clock, _SILENT)
-    grammar = Grammar(choices, {
-        "key": lambda: (KEY,), "version": lambda: (PROTOCOL_VERSION,), "session": lambda: ("one", "two"),
-        "message": lambda: ("note", "where"), "number": lambda: range(1, 9), "newest": lambda: range(9),
-    })  # fmt: skip
+    grammar = Grammar(
+        choices,
+        {
+            "key": lambda: (KEY,),
+            "version": lambda: (PROTOCOL_VERSION,),
+            "session": lambda: ("one", "two"),
+            "message": lambda: ("note", "where"),
+            "number": lambda: range(1, 9),
+            "newest": lambda: range(9),
+        },
+    )
     session = Session(Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs"))
     session.receive(headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0)
     for kind in steps:
@@ -225,9 +255,14 @@ def attack_path(data: bytes) -> None:
     lost: list[tuple[str, int, str]] = []
     socket = _Socket(choices, unpack_to_entrance)
     path = DirectPath(
-        Entrance("ipc:///there", KEY), socket, "one", "user", end=over.append, hand_over=elsewhere.append,
+        Entrance("ipc:///there", KEY),
+        socket,
+        "one",
+        "user",
+        end=over.append,
+        hand_over=elsewhere.append,
         lose=lambda message, number, why: lost.append((message, number, why)),
-    )  # fmt: skip
+    )
     grammar = Grammar(choices, {"number": lambda: range(1, 9), "newest": lambda: range(9)})
     asked, told = 0, 0
     for kind in steps:

@@ -1,4 +1,6 @@
-"""TOML files of users: keys, permissions, robots. What is wrong with one is said in an error of theirs."""
+"""TOML files of users: keys, permissions, robots. What is wrong with one is said in an error of
+theirs.
+"""
 
 import contextlib
 import json
@@ -32,10 +34,26 @@ def _value(choices: Choices, depth: int = 0) -> str:
     if kind < 6:
         return f"[{', '.join(_value(choices, depth + 1) for _ in range(choices.below(4)))}]"
     if kind == 6:
-        fields = (f"{choices.one_of(_WORDS[:29])} = {_value(choices, depth + 1)}" for _ in range(choices.below(3)))
+        fields = (
+            f"{choices.one_of(_WORDS[:29])} = {_value(choices, depth + 1)}"
+            for _ in range(choices.below(3))
+        )
         return f"{{{', '.join(fields)}}}"
     return choices.one_of(
-        ("0", "1", "-1", "1e400", "nan", "true", "false", "9" * 30, "1979-05-27", "07:32:00", "0.5", "[" * 2000)
+        (
+            "0",
+            "1",
+            "-1",
+            "1e400",
+            "nan",
+            "true",
+            "false",
+            "9" * 30,
+            "1979-05-27",
+            "07:32:00",
+            "0.5",
+            "[" * 2000,
+        )
     )
 
 
@@ -44,7 +62,9 @@ def _text(choices: Choices) -> bytes:
     while not choices.is_over and len(lines) < _MOST_LINES:
         kind, word = choices.below(8), choices.one_of(_WORDS[:29])
         heading = f"[modules.{word}]" if kind == 1 else f"[{word}]"
-        lines.append("[[allow]]" if kind == 0 else heading if kind < 3 else f"{word} = {_value(choices)}")
+        lines.append(
+            "[[allow]]" if kind == 0 else heading if kind < 3 else f"{word} = {_value(choices)}"
+        )
     text = "\n".join(lines).encode(errors="surrogatepass")
     return damaged(text, choices) if choices.is_one_in(8) else text
 
@@ -54,8 +74,11 @@ def _read_rules(path: Path) -> None:
 
 
 _READERS: tuple[tuple[Callable[[Path], Any], type[Exception]], ...] = (
-    (_read_rules, PermissionsError), (load, BadUserFile), (read_model, BadUserFile), (read_client_key, KeyRefused),
-)  # fmt: skip
+    (_read_rules, PermissionsError),
+    (load, BadUserFile),
+    (read_model, BadUserFile),
+    (read_client_key, KeyRefused),
+)
 
 
 def attack(data: bytes) -> None:

@@ -4,7 +4,14 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from dev.fuzz import hostile_central, hostile_files, hostile_image, hostile_inputs, hostile_peers, hostile_toml
+from dev.fuzz import (
+    hostile_central,
+    hostile_files,
+    hostile_image,
+    hostile_inputs,
+    hostile_peers,
+    hostile_toml,
+)
 
 
 class Target(NamedTuple):
@@ -19,7 +26,10 @@ class Target(NamedTuple):
 
 def _random(longest: int, number: int = 20) -> Callable[[], list[bytes]]:
     """Random choices: where every input makes sense, there is nothing better to begin with."""
-    return lambda: [(chance := Random(seed)).randbytes(chance.randrange(longest)) for seed in range(number)]  # noqa: S311
+    return lambda: [
+        (chance := Random(seed)).randbytes(chance.randrange(longest))  # noqa: S311
+        for seed in range(number)
+    ]
 
 
 TARGETS = {
@@ -31,7 +41,9 @@ TARGETS = {
     "entrance": Target(hostile_peers.attack_entrance, _random(400), 800),
     "path": Target(hostile_peers.attack_path, _random(400), 800),
     "journal": Target(hostile_files.attack_journal, _random(400), 800),
-    "journal-bytes": Target(hostile_files.attack_journal_with_bytes, hostile_files.seeds_of_journals, 4000),
+    "journal-bytes": Target(
+        hostile_files.attack_journal_with_bytes, hostile_files.seeds_of_journals, 4000
+    ),
     "data": Target(hostile_files.attack_data, hostile_files.seeds_of_data, 400),
     "toml": Target(hostile_toml.attack, _random(300), 600),
     "formats": Target(hostile_files.attack_formats, _random(300), 600),

@@ -1,9 +1,10 @@
-"""Draws random mutants of the pure core, runs tests/central against each, and shows those that nobody noticed.
+"""Draws random mutants of the pure core, runs tests/central against each, and shows those that
+nobody noticed.
 
     python dev/scripts/mutants.py --seed 7 --count 40
 
-The exit code is 1 if fewer than nine of ten are killed. Some mutants do what the original does; they count as
-survivors.
+The exit code is 1 if fewer than nine of ten are killed. Some mutants do what the original does;
+they count as survivors.
 """
 
 import ast
@@ -41,9 +42,17 @@ MEMORY = 4 << 20
 """Kilobytes: a mutant may never end."""
 
 FLIPPED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
-}  # fmt: skip
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+}
 
 
 PLAIN = (ast.Name, ast.Attribute, ast.Call, ast.Subscript)
@@ -80,7 +89,9 @@ class Mutant:
     def diff(self) -> str:
         """The mutant's change, with the lines around."""
         here, there = (text.splitlines(keepends=True) for text in (self.original, self.source))
-        return "".join(difflib.unified_diff(here, there, str(self.path), f"mutant: {self.kind}", n=3))
+        return "".join(
+            difflib.unified_diff(here, there, str(self.path), f"mutant: {self.kind}", n=3)
+        )
 
 
 def all_mutants() -> list[Mutant]:
@@ -94,7 +105,9 @@ def all_mutants() -> list[Mutant]:
 
 
 def code(node: ast.AST) -> Iterator[ast.AST]:
-    """The statements and expressions that do something: no annotations, no assertions, no decorators."""
+    """The statements and expressions that do something: no annotations, no assertions, no
+    decorators.
+    """
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "decorator_list"):
             for child in value if isinstance(value, list) else [value]:
@@ -107,7 +120,11 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
     """Each kind of change to a node, the part of it that is changed, and what this is then."""
     match node:
         case ast.Compare(left, [operator], [right]):
-            yield "comparison", node, f"({ast.unparse(ast.Compare(left, [FLIPPED[type(operator)]()], [right]))})"
+            yield (
+                "comparison",
+                node,
+                f"({ast.unparse(ast.Compare(left, [FLIPPED[type(operator)]()], [right]))})",
+            )
         case ast.BoolOp(operator, values):
             other = ast.Or() if isinstance(operator, ast.And) else ast.And()
             yield "and, or", node, f"({ast.unparse(ast.BoolOp(other, values))})"
@@ -122,9 +139,14 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
         case ast.Call(function, [one, two, *more], keywords) if not isinstance(two, ast.Starred):
             yield "arguments", node, ast.unparse(ast.Call(function, [two, one, *more], keywords))
         case (
-            ast.Expr(ast.Call()) | ast.Assign([ast.Attribute() | ast.Subscript()])
-            | ast.AugAssign() | ast.Delete() | ast.Raise() | ast.Continue() | ast.Break()
-        ):  # fmt: skip
+            ast.Expr(ast.Call())
+            | ast.Assign([ast.Attribute() | ast.Subscript()])
+            | ast.AugAssign()
+            | ast.Delete()
+            | ast.Raise()
+            | ast.Continue()
+            | ast.Break()
+        ):
             yield "deleted statement", node, "pass"
 
 
@@ -136,7 +158,9 @@ class Copy:
         for pattern in NEEDED:
             for path in ROOT.glob(pattern):
                 if path.is_dir():
-                    shutil.copytree(path, folder / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+                    shutil.copytree(
+                        path, folder / path.name, ignore=shutil.ignore_patterns("__pycache__")
+                    )
                 else:
                     shutil.copy(path, folder)
 
@@ -151,19 +175,27 @@ class Copy:
     def passes(self, limit: float) -> bool:
         """Whether tests/central passes, within some seconds of the processor."""
         bounds = f"ulimit -t {int(limit)} -v {MEMORY}; exec "
-        tests = f"'{sys.executable}' -m pytest -x -q -p no:cacheprovider -p no:xdist {' '.join(TESTS)}"
+        tests = (
+            f"'{sys.executable}' -m pytest -x -q -p no:cacheprovider -p no:xdist {' '.join(TESTS)}"
+        )
         environment = {**os.environ, "PYTHONPATH": str(self.folder)}
         try:
             done = subprocess.run(
-                ["/bin/sh", "-c", bounds + tests], cwd=self.folder, env=environment, capture_output=True, check=False,
+                ["/bin/sh", "-c", bounds + tests],
+                cwd=self.folder,
+                env=environment,
+                capture_output=True,
+                check=False,
                 timeout=10 * limit,
-            )  # fmt: skip
+            )
         except subprocess.TimeoutExpired:
             return False
         return done.returncode == 0
 
     def _write(self, path: Path, text: str) -> None:
-        """Byte code is thrown away: it might be taken for that of a file which is as long and as old."""
+        """Byte code is thrown away: it might be taken for that of a file which is as long and as
+        old.
+        """
         file = self.folder / path
         file.write_text(text)
         Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)

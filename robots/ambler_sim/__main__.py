@@ -1,4 +1,6 @@
-"""The walk: central, the Ambler's modules and the simulator, each a process; then the pictures of the run."""
+"""The walk: central, the Ambler's modules and the simulator, each a process; then the pictures of
+the run.
+"""
 
 import argparse
 import fcntl
@@ -53,15 +55,24 @@ def _how(options: argparse.Namespace) -> str:
 
 
 def _fresh(folder: Path) -> Path:
-    """An empty folder, where only an earlier walk may have been; it is locked for as long as this process lives."""
+    """An empty folder, where only an earlier walk may have been; it is locked for as long as this
+    process lives.
+    """
     marker = folder / MARKER
     if folder.exists() and any(folder.iterdir()) and not marker.exists():
-        raise SystemExit(f"ambler: {folder} holds something else than a walk: name another folder with --out")
+        raise SystemExit(
+            f"ambler: {folder} holds something else than a walk: name another folder with --out"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        fcntl.flock(os.open(marker, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(
+            os.open(marker, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644),
+            fcntl.LOCK_EX | fcntl.LOCK_NB,
+        )
     except BlockingIOError:
-        raise SystemExit(f"ambler: another walk is going on in {folder}: name another folder with --out") from None
+        raise SystemExit(
+            f"ambler: another walk is going on in {folder}: name another folder with --out"
+        ) from None
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)

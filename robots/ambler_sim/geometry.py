@@ -1,7 +1,9 @@
-"""The Ambler's mechanism: where shoulders and feet are, which joint angles bring a foot to a point, and back.
+"""The Ambler's mechanism: where shoulders and feet are, which joint angles bring a foot to a point,
+and back.
 
-Body frame: x forward, y left, z up, origin between the two shafts at the lowest shoulder. A leg is orthogonal: it
-turns about its shaft (angle), reaches out (reach), and its vertical link goes down (drop), so the inverse is closed.
+Body frame: x forward, y left, z up, origin between the two shafts at the lowest shoulder. A leg is
+orthogonal: it turns about its shaft (angle), reaches out (reach), and its vertical link goes down
+(drop), so the inverse is closed.
 """
 
 import math
@@ -19,8 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Mechanism:
-    """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published machine; *belly* is
-    how far the body reaches down below the lowest shoulder.
+    """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published
+    machine; *belly* is how far the body reaches down below the lowest shoulder.
     """
 
     shaft_offset: float = 1.0
@@ -75,9 +77,11 @@ def side_of(leg: int) -> tuple[int, ...]:
 
 
 def circulation(leg: int) -> int:
-    """The sense in which a leg always turns: left stack counter-clockwise (+1), right stack clockwise (-1).
+    """The sense in which a leg always turns: left stack counter-clockwise (+1), right stack
+    clockwise (-1).
 
-    The rear-most leg comes forward between the shafts, so the order of legs within a stack never changes.
+    The rear-most leg comes forward between the shafts, so the order of legs within a stack never
+    changes.
     """
     return 1 if is_left(leg) else -1
 
@@ -115,7 +119,9 @@ def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
 
 
 def carried(before: Array, after: Array) -> tuple[float, Array]:
-    """The turn and then the shift that bring points (n, 2) nearest to where they are *after*, by least squares."""
+    """The turn and then the shift that bring points (n, 2) nearest to where they are *after*, by
+    least squares.
+    """
     middle, there = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - there
     turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
@@ -128,11 +134,16 @@ def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
     """Forward: (angle, reach, drop) rows of *legs* to feet in the body frame."""
     index = list(legs)
     angle, reach, drop = joints.T
-    return np.stack([reach * np.cos(angle), SHAFT_Y[index] + reach * np.sin(angle), SHOULDER_Z[index] - drop], axis=1)
+    return np.stack(
+        [reach * np.cos(angle), SHAFT_Y[index] + reach * np.sin(angle), SHOULDER_Z[index] - drop],
+        axis=1,
+    )
 
 
 def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS) -> Array:
-    """Inverse: body-frame feet to (angle, reach, drop) rows; angles are in the turn nearest to *near*."""
+    """Inverse: body-frame feet to (angle, reach, drop) rows; angles are in the turn nearest to
+    *near*.
+    """
     index = list(legs)
     x, y = feet[:, 0], feet[:, 1] - SHAFT_Y[index]
     angle = np.arctan2(y, x)
@@ -156,16 +167,20 @@ def leg_joints(pose: Pose, foot: Foot, near: float = 0.0) -> tuple[float, float,
 
 
 def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
-    """Which (angle, reach, drop) rows the links allow with *reserve* metres to spare; shoulders turn without end."""
+    """Which (angle, reach, drop) rows the links allow with *reserve* metres to spare; shoulders
+    turn without end.
+    """
     parts, reach, drop = AMBLER, joints[:, 1], joints[:, 2]
     in_reach = (reach >= parts.min_reach + reserve) & (reach <= parts.max_reach - reserve)
     return in_reach & (drop >= parts.min_drop + reserve) & (drop <= parts.max_drop - reserve)
 
 
 def circulating_angle(pose: Pose, foot: Foot) -> float:
-    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi: the largest of a side is the rear-most.
+    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi: the largest of a
+    side is the rear-most.
 
-    A leg that was stopped half way through its recovery counts as rear-most until it has passed the nose.
+    A leg that was stopped half way through its recovery counts as rear-most until it has passed the
+    nose.
     """
     angle, _, _ = leg_joints(pose, foot)
     return (circulation(foot.leg) * angle) % math.tau

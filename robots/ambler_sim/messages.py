@@ -25,7 +25,9 @@ from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A piece of path from wherever the robot then is: *length* metres, turning left where *curvature* is positive."""
+    """A piece of path from wherever the robot then is: *length* metres, turning left where
+    *curvature* is positive.
+    """
 
     curvature: float
     length: float
@@ -33,7 +35,9 @@ class Bend:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Pieces to walk one after the other; with *ask*, somebody is asked before each but the first."""
+    """Pieces to walk one after the other; with *ask*, somebody is asked before each but the
+    first.
+    """
 
     bends: tuple[Bend, ...]
     ask: bool = False
@@ -49,8 +53,8 @@ class WayWalked:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """The rest of an arc to be walked, the stance in which it will begin (foreseen, not measured), and the number of
-    the footstep that begins it.
+    """The rest of an arc to be walked, the stance in which it will begin (foreseen, not measured),
+    and the number of the footstep that begins it.
     """
 
     arc: Arc
@@ -76,7 +80,9 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A leg whose amplifier is to be switched on or whose joint is to be freed, by an *operator* or by itself."""
+    """A leg whose amplifier is to be switched on or whose joint is to be freed, by an *operator* or
+    by itself.
+    """
 
     leg: int
     operator: bool = False
@@ -99,7 +105,9 @@ MOVE_LEG = Command("move leg", LegMove, result=Footfall)
 MOVE_BODY = Command("move body", BodyMove, result=Pose)
 WALKED = Broadcast("walked", Pose)
 POSITION_REACHED = Query("position reached", StepEnd, reply=Pose)
-ACHIEVED_POSITION = PointMonitor("achieved position?", StepEnd, condition=POSITION_REACHED, action=WALKED)
+ACHIEVED_POSITION = PointMonitor(
+    "achieved position?", StepEnd, condition=POSITION_REACHED, action=WALKED
+)
 
 # Questions of the planners.
 ELEVATION_MAP = Query("elevation map", Window, reply=ElevationMap)

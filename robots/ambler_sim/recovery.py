@@ -1,5 +1,5 @@
-"""What layers are made of: the exception handlers of the error recovery module, by the names under which they attach
-them. The modules that walk have never heard of them.
+"""What layers are made of: the exception handlers of the error recovery module, by the names under
+which they attach them. The modules that walk have never heard of them.
 """
 
 from robots.ambler_sim.vocabulary import Contact

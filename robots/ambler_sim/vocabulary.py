@@ -11,7 +11,14 @@ NO_LEG = -1
 MACHINE_KINDS = ("amplifier trip", "motion fault", "stuck joint", "encoder drift", "force sensor")
 SCANNER_KINDS = ("no image", "bad image")
 GROUND_KINDS = ROCK, SOFT_SPOT = "unseen rock", "soft spot"
-KINDS = (*MACHINE_KINDS, *SCANNER_KINDS, *GROUND_KINDS, "no footfall", "lost module", "lost central")
+KINDS = (
+    *MACHINE_KINDS,
+    *SCANNER_KINDS,
+    *GROUND_KINDS,
+    "no footfall",
+    "lost module",
+    "lost central",
+)
 """Of faults: of the machine, of the scanner, of the ground, of planners, of programs."""
 
 TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
@@ -52,7 +59,9 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A path for the body: *length* metres from *start*, turning left where *curvature* (1/m) is positive."""
+    """A path for the body: *length* metres from *start*, turning left where *curvature* (1/m) is
+    positive.
+    """
 
     start: Pose
     curvature: float
@@ -63,8 +72,9 @@ class Arc:
 class Step:
     """One footstep: *leg* goes to about *ideal*, then the body to *goal*.
 
-    *support* are the body poses during which the new foothold has to stay in reach, from now until it is lifted.
-    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see gait.py).
+    *support* are the body poses during which the new foothold has to stay in reach, from now until
+    it is lifted. *remaining* metres of the arc are left after the step. The height of *goal* is not
+    yet known (see gait.py).
     """
 
     leg: int
@@ -77,7 +87,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class LegMove:
-    """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*, lower until it stands.
+    """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*,
+    lower until it stands.
 
     *sense* +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
     """
@@ -99,7 +110,9 @@ class BodyMove:
 
 @dataclass(frozen=True, slots=True)
 class Footfall:
-    """How a leg move ended. *load* is the vertical force on the foot; *reached* is false when the move was stopped."""
+    """How a leg move ended. *load* is the vertical force on the foot; *reached* is false when the
+    move was stopped.
+    """
 
     foot: Foot
     load: float
@@ -108,8 +121,9 @@ class Footfall:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A leg on its way met something: where its foot was, with what force (N) it was stopped, and which way it went (a
-    unit vector; none if it went down). Or the body (leg -1): the place is that of its front.
+    """A leg on its way met something: where its foot was, with what force (N) it was stopped, and
+    which way it went (a unit vector; none if it went down). Or the body (leg -1): the place is that
+    of its front.
     """
 
     leg: int
@@ -125,8 +139,9 @@ class Contact:
 class ElevationMap:
     """Ground heights in square cells; x grows with the row, y with the column.
 
-    *x*, *y* is the centre of the first cell. *heights* are rows*columns float32, NaN where nothing is known nearby;
-    *known* has one byte per cell: 1 measured, 0 filled in. Read them with elevation.heights_of and known_cells.
+    *x*, *y* is the centre of the first cell. *heights* are rows*columns float32, NaN where nothing
+    is known nearby; *known* has one byte per cell: 1 measured, 0 filled in. Read them with
+    elevation.heights_of and known_cells.
     """
 
     x: float
@@ -140,7 +155,9 @@ class ElevationMap:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A range image turned into world points (n*3 float32), and the stance in which it was taken."""
+    """A range image turned into world points (n*3 float32), and the stance in which it was
+    taken.
+    """
 
     stance: Stance
     points: bytes
@@ -148,7 +165,9 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone through which the scanner looks; *height* is that of its top over the ground around it."""
+    """An upright round stone through which the scanner looks; *height* is that of its top over the
+    ground around it.
+    """
 
     x: float
     y: float
@@ -158,8 +177,8 @@ class Rock:
 
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
-    """All that is needed to make the same ground again: its kind (one of TERRAINS), its steepest gradient
-    (rise per run), rocks, and the places (x, y) where it gave way.
+    """All that is needed to make the same ground again: its kind (one of TERRAINS), its steepest
+    gradient (rise per run), rocks, and the places (x, y) where it gave way.
     """
 
     seed: int = 1
@@ -171,7 +190,9 @@ class TerrainSpec:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side up."""
+    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side
+    up.
+    """
 
     pose: Pose
     roll: float = 0.0
@@ -188,8 +209,9 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The values of the robot's own sensors now: two inclinometers, six foot force sensors (NaN: broken), which legs'
-    amplifiers are on, and how far (m) each leg's relative encoder of the reach is off its absolute one.
+    """The values of the robot's own sensors now: two inclinometers, six foot force sensors (NaN:
+    broken), which legs' amplifiers are on, and how far (m) each leg's relative encoder of the reach
+    is off its absolute one.
     """
 
     time: float
@@ -202,8 +224,8 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that goes wrong: what (one of KINDS), with which leg, how much of it (its kind says of what), and
-    whether only an operator can reset it.
+    """Something that goes wrong: what (one of KINDS), with which leg, how much of it (its kind says
+    of what), and whether only an operator can reset it.
     """
 
     kind: str
@@ -234,7 +256,9 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A range image; its *number* is greater than those of all images before, also where a program has died between."""
+    """A range image; its *number* is greater than those of all images before, also where a program
+    has died between.
+    """
 
     number: int
     scan: Scan
@@ -242,10 +266,11 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One line of the scorer's record, made after each body move: what the robot believes, and what is true.
+    """One line of the scorer's record, made after each body move: what the robot believes, and what
+    is true.
 
-    *slope* is that of the ground under the body, rise per run; *tilt* (rad) the greatest since the last footstep;
-    *margin* (m) the distance of the centre of gravity from the support's edge.
+    *slope* is that of the ground under the body, rise per run; *tilt* (rad) the greatest since the
+    last footstep; *margin* (m) the distance of the centre of gravity from the support's edge.
     """
 
     number: int
@@ -261,8 +286,9 @@ class Footstep:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything a new process needs to go on with the walk. *pose* is where the robot believes to be, *trail* the last
-    footholds, oldest first. *faults* are what is wrong, *armed* what is about to go wrong.
+    """Everything a new process needs to go on with the walk. *pose* is where the robot believes to
+    be, *trail* the last footholds, oldest first. *faults* are what is wrong, *armed* what is about
+    to go wrong.
     """
 
     backend: str

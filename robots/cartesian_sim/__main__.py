@@ -1,5 +1,6 @@
-"""Shows the cleaning robot: it is enabled, referenced, goes to a point and cleans the wall, while its activities are
-allocated anew, again and again. With --page it stays, for the page and its buttons.
+"""Shows the cleaning robot: it is enabled, referenced, goes to a point and cleans the wall, while
+its activities are allocated anew, again and again. With --page it stays, for the page and its
+buttons.
 """
 
 import argparse
@@ -82,18 +83,24 @@ class CleaningShow:
             while not is_over.wait(CHANGES):
                 policy = next(policies)
                 allocator.command(messages.set_policy, policy).result()
-                allocator.command(messages.move, ActivityMove("x.movement.machine", "the x axis")).result()
+                allocator.command(
+                    messages.move, ActivityMove("x.movement.machine", "the x axis")
+                ).result()
                 processors = self._robot.application.allocation().processors
                 self.say(f"allocated anew: {policy}, then by hand: {len(processors)} processors")
 
 
 def counted(application: Application) -> str:
-    """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late for that."""
+    """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late
+    for that.
+    """
     figures, processors = application.figures(), application.allocation().processors
     periods = [one.period for processor in processors for one in processor.activities]
     due = sum(int(figures.running_for / period) + 1 for period in periods)  # the first one at once
     ticks = sum(one.ticks for one in figures.activities)
-    late, left_out = (sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out"))
+    late, left_out = (
+        sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out")
+    )
     lost = due - ticks - left_out
     told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
     return (
@@ -118,7 +125,9 @@ def _show(options: argparse.Namespace) -> int:
         if options.page:
             threading.Thread(target=show.run_to_its_end, daemon=True).start()
             opens = "--no-browser" if options.no_browser else "--browser"
-            activities.main([NAME, "--central", address, opens], "tca activities", standalone_mode=False)
+            activities.main(
+                [NAME, "--central", address, opens], "tca activities", standalone_mode=False
+            )
             code = 0
         else:
             code = show.run_to_its_end()
@@ -129,8 +138,12 @@ def _show(options: argparse.Namespace) -> int:
 def main() -> int:
     """The command line; the exit code."""
     parser = parser_of("cartesian_sim", __doc__, out="runs/cartesian")
-    parser.add_argument("--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C")
-    parser.add_argument("--no-browser", action="store_true", help="with --page: print its address only")
+    parser.add_argument(
+        "--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="with --page: print its address only"
+    )
     return shown(parser, _show)
 
 

@@ -11,7 +11,9 @@ LONGEST = 0.1
 
 
 class Device(DeviceBase):
-    """What the activities of Device do. Its time is that of a clock, whatever the period of the simulation is."""
+    """What the activities of Device do. Its time is that of a clock, whatever the period of the
+    simulation is.
+    """
 
     clock: Callable[[], float] = staticmethod(time.monotonic)
 

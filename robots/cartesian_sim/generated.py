@@ -1,4 +1,6 @@
-"""Types of data and bases of components, made by tca generate from cleaning.toml: changes would be lost."""
+"""Types of data and bases of components, made by tca generate from cleaning.toml: changes would be
+lost.
+"""
 # isort: skip_file
 
 from abc import ABC, abstractmethod

@@ -7,7 +7,11 @@ from robots.cartesian_sim.messages import WallPoint
 
 LEFT, RIGHT = 0.4, 1.6
 LANES = (0.3, 0.45, 0.6, 0.75, 0.9)
-PATTERN = [WallPoint(x, y) for lane, y in enumerate(LANES) for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))]
+PATTERN = [
+    WallPoint(x, y)
+    for lane, y in enumerate(LANES)
+    for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))
+]
 """The corners of the way that cleans."""
 
 TOOL_OUT = 0.19
@@ -19,7 +23,7 @@ NEAR = 0.001
 class Guide(GuideBase):
     """What the activities of Guide do."""
 
-    # --- ports -----------------------------------------------------------------------------------------------------
+    # --- ports ------------------------------------------------------------------------------------
 
     def take_command(self, value: str) -> None:
         """A command is an event: clean, stop."""
@@ -47,7 +51,7 @@ class Guide(GuideBase):
         """Know where the tool is."""
         self.data.tool = value
 
-    # --- travel ----------------------------------------------------------------------------------------------------
+    # --- travel -----------------------------------------------------------------------------------
 
     def set_out(self) -> None:
         """Send both axes to the goal, so fast that they arrive together."""
@@ -64,7 +68,7 @@ class Guide(GuideBase):
         """Whether both axes are at the goal."""
         return math.dist((self.data.x, self.data.y), (self.data.goal_x, self.data.goal_y)) <= NEAR
 
-    # --- cleaning --------------------------------------------------------------------------------------------------
+    # --- cleaning ---------------------------------------------------------------------------------
 
     def go_to_first(self) -> None:
         """Go to where the first lane begins."""

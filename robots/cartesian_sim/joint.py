@@ -1,4 +1,6 @@
-"""A joint: it is enabled, finds its reference at the lower limit switch, and moves to positions or at speeds."""
+"""A joint: it is enabled, finds its reference at the lower limit switch, and moves to positions or
+at speeds.
+"""
 
 import math
 
@@ -6,7 +8,9 @@ from robots.cartesian_sim.generated import JointBase, JointTarget, MotorOrder
 from robots.cartesian_sim.mechanism import Sensed
 
 SEEKING = 0.15
-"""Metres a second towards the switch, and of any movement without a reference: the brake stops it before the end."""
+"""Metres a second towards the switch, and of any movement without a reference: the brake stops it
+before the end.
+"""
 
 LEAVING = 0.01
 """Metres a second away from the switch."""
@@ -27,12 +31,16 @@ STILL = 0.005
 class Joint(JointBase):
     """What the activities of Joint do."""
 
-    # --- ports -----------------------------------------------------------------------------------------------------
+    # --- ports ------------------------------------------------------------------------------------
 
     def take_sensed(self, value: Sensed) -> None:
         """Know where the axis is, and tell it."""
         data = self.data
-        data.reading, data.measured_speed, data.is_powered = value.reading, value.speed, value.is_powered
+        data.reading, data.measured_speed, data.is_powered = (
+            value.reading,
+            value.speed,
+            value.is_powered,
+        )
         data.at_low, data.at_high = value.at_low, value.at_high
         self.position.set(self._position())
 
@@ -51,7 +59,7 @@ class Joint(JointBase):
         self.data.speed = value
         self.post("jog")
 
-    # --- limits of range -------------------------------------------------------------------------------------------
+    # --- limits of range --------------------------------------------------------------------------
 
     def is_at_low(self) -> bool:
         """Whether the lower switch is closed."""
@@ -65,7 +73,7 @@ class Joint(JointBase):
         """Whether no switch is."""
         return not (self.data.at_low or self.data.at_high)
 
-    # --- axis referencing ------------------------------------------------------------------------------------------
+    # --- axis referencing -------------------------------------------------------------------------
 
     def seek_switch(self) -> None:
         """Go down to the switch."""
@@ -79,7 +87,7 @@ class Joint(JointBase):
         """Take what is read where the switch has opened as 0."""
         self.data.zero = self.data.reading
 
-    # --- movement enabling -----------------------------------------------------------------------------------------
+    # --- movement enabling ------------------------------------------------------------------------
 
     def power_off(self) -> None:
         """Switch the motor off, which closes the brake."""
@@ -95,7 +103,7 @@ class Joint(JointBase):
         """Whether the brake is open."""
         return self.data.is_powered
 
-    # --- movement control ------------------------------------------------------------------------------------------
+    # --- movement control -------------------------------------------------------------------------
 
     def approach(self) -> None:
         """Go on to the target."""
@@ -103,7 +111,9 @@ class Joint(JointBase):
         self._drive(math.copysign(min(self.data.speed, _safe(abs(left))), left))
 
     def keep_speed(self) -> None:
-        """Go on at the speed; slowly towards the end of the range, and wherever its end is not known."""
+        """Go on at the speed; slowly towards the end of the range, and wherever its end is not
+        known.
+        """
         data, fastest = self.data, SEEKING
         if self.referencing.is_in("referenced"):
             left = data.length - self._position() if data.speed > 0 else self._position()
@@ -117,7 +127,11 @@ class Joint(JointBase):
     def may_jog(self) -> bool:
         """Whether there is room ahead, and the joint does not look for its reference."""
         is_searching = self.referencing.is_in("searching")
-        return not (is_searching or (self.data.at_low and self.goes_down()) or (self.data.at_high and self.goes_up()))
+        return not (
+            is_searching
+            or (self.data.at_low and self.goes_down())
+            or (self.data.at_high and self.goes_up())
+        )
 
     def goes_down(self) -> bool:
         """Whether the wanted speed leads to the lower switch."""
@@ -129,13 +143,16 @@ class Joint(JointBase):
 
     def has_arrived(self) -> bool:
         """Whether it stands at its target."""
-        return abs(self.data.target - self._position()) <= EXACT and abs(self.data.measured_speed) <= 2 * STILL
+        return (
+            abs(self.data.target - self._position()) <= EXACT
+            and abs(self.data.measured_speed) <= 2 * STILL
+        )
 
     def is_still(self) -> bool:
         """Whether the axis has stopped."""
         return abs(self.data.measured_speed) <= STILL
 
-    # --- what they share -------------------------------------------------------------------------------------------
+    # --- what they share --------------------------------------------------------------------------
 
     def _position(self) -> float:
         return self.data.reading - self.data.zero

@@ -1,4 +1,5 @@
-"""The simulated mechanism: axes with rate limits, brakes and limit switches, and the part of the wall that is clean.
+"""The simulated mechanism: axes with rate limits, brakes and limit switches, and the part of the
+wall that is clean.
 
 It knows no clock: time passes when somebody calls ``advance``.
 """
@@ -53,7 +54,9 @@ class Axis:
         return self.is_on and self.powered_for >= POWER_UP - 1e-9
 
     def advance(self, seconds: float) -> None:
-        """Let time pass: the speed follows the wanted one as fast as the motor can; the brake stops at once."""
+        """Let time pass: the speed follows the wanted one as fast as the motor can; the brake stops
+        at once.
+        """
         self.powered_for = self.powered_for + seconds if self.is_on else 0.0
         if not self.is_powered:
             self.speed = 0.0
@@ -130,6 +133,8 @@ class CleaningMechanism:
         self._strokes.append((*stroke, here))
 
 
-def _is_straight(start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]) -> bool:
+def _is_straight(
+    start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
+) -> bool:
     """Whether the way by *middle* is as long as the way without it."""
     return math.dist(start, middle) + math.dist(middle, end) - math.dist(start, end) < 1e-5

@@ -1,4 +1,6 @@
-"""What the robot's user may ask for. Commands end when they are done; informs wait for no command before them."""
+"""What the robot's user may ask for. Commands end when they are done; informs wait for no command
+before them.
+"""
 
 import msgspec
 

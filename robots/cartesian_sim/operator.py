@@ -1,5 +1,5 @@
-"""The module that has users' commands carried out: it puts them into the components' ports, and waits until the regions
-say that they are done; and what the page offers of them.
+"""The module that has users' commands carried out: it puts them into the components' ports, and
+waits until the regions say that they are done; and what the page offers of them.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from robots.cartesian_sim.messages import (
     JointMove,
     JointSpeed,
     WallPoint,
-)  # fmt: skip
+)
 from tca_behaviours.activities.components import Region
 from tca_behaviours.activities.manager import Control, ControlField
 from tca_module import Module, Task
@@ -76,7 +76,9 @@ class Operator:
         self._check_ready("enabling.enabled", "movement.standing")
         self._tell_joints("reference")
         self._wait_begun(task, lambda: self._any("searching") and not self._any("unreferenced"))
-        self._wait(task, lambda: self._all("referencing", "referenced"), lambda: self._any("unreferenced"))
+        self._wait(
+            task, lambda: self._all("referencing", "referenced"), lambda: self._any("unreferenced")
+        )
 
     def move_to(self, task: Task, point: WallPoint) -> None:
         """Go to a point of the wall."""
@@ -111,13 +113,15 @@ class Operator:
         """Move one joint at a speed; 0 stops it."""
         joint = self._joint(wanted.joint)
         if not joint.enabling.is_in("enabled"):
-            raise NOT_READY(joint.name, f"joint {joint.name} is not enabled: enable the joints first")
+            raise NOT_READY(
+                joint.name, f"joint {joint.name} is not enabled: enable the joints first"
+            )
         if wanted.speed:
             joint.jog.put(wanted.speed)
         else:
             joint.command.put("stop")
 
-    # --- what they share -------------------------------------------------------------------------------------------
+    # --- what they share --------------------------------------------------------------------------
 
     def _all(self, region: str, state: str) -> bool:
         """Whether that region of each joint is in this state."""
@@ -144,12 +148,19 @@ class Operator:
         for joint in self.joints.values():
             for region, state in (each.split(".") for each in states):
                 if not joint.regions[region].is_in(state):
-                    raise NOT_READY(joint.name, f"joint {joint.name} is not {state}: {joint.regions[region].current}")
+                    raise NOT_READY(
+                        joint.name,
+                        f"joint {joint.name} is not {state}: {joint.regions[region].current}",
+                    )
 
     def _wait_for_rest(self, task: Task, region: Region, rest: str) -> None:
         """Wait until a region has left its state of rest, and has come back to it."""
         self._wait_begun(task, lambda: not region.is_in(rest))
-        self._wait(task, lambda: region.is_in(rest), lambda: self._stopped or not self._all("enabling", "enabled"))
+        self._wait(
+            task,
+            lambda: region.is_in(rest),
+            lambda: self._stopped or not self._all("enabling", "enabled"),
+        )
 
     def _wait_begun(self, task: Task, is_begun: Callable[[], bool]) -> None:
         """What is begun may be over before it is seen: so no failure."""
@@ -169,7 +180,7 @@ class Operator:
             raise INTERRUPTED(text="the robot was stopped, or a joint disabled")
 
 
-# --- on the page ------------------------------------------------------------------------------------------------------
+# --- on the page ----------------------------------------------------------------------------------
 
 LENGTHS = {"x": WIDTH, "y": HEIGHT, "tool": 0.2}
 

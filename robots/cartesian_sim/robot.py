@@ -1,4 +1,6 @@
-"""The whole robot: components, the application that ticks them, its manager and the operator, in one module."""
+"""The whole robot: components, the application that ticks them, its manager and the operator, in
+one module.
+"""
 
 from robots.cartesian_sim.application import Components
 from robots.cartesian_sim.drawing import draw

@@ -1,5 +1,5 @@
-"""Shows the robot that keeps a lab floor free of cups: cups fall, people take some of them away, the robot collects the
-others, and charges its battery in between.
+"""Shows the robot that keeps a lab floor free of cups: cups fall, people take some of them away,
+the robot collects the others, and charges its battery in between.
 """
 
 import argparse
@@ -26,7 +26,9 @@ from tca_module import Client, Message, SentTask, connect
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 ProgramTable = dict[str, Message[Any, Any]]
-"""Beside each program is a message that it handles: once it does, all that it attaches is in force."""
+"""Beside each program is a message that it handles: once it does, all that it attaches is in
+force.
+"""
 
 MODULES: ProgramTable = {
     "vision": CUPS_IN_VIEW,
@@ -37,19 +39,37 @@ MODULES: ProgramTable = {
 LAYERS: ProgramTable = {"vanished cups": IS_GONE, "battery": IS_LOW, "grasps": GRASP_AGAIN}
 
 PATIENCE = 900.0
-"""Seconds of the lab within which no cup must be left after the last has fallen; else some stay there."""
+"""Seconds of the lab within which no cup must be left after the last has fallen; else some stay
+there.
+"""
 
 
 def main() -> int:
     """The command line; the exit code."""
     parser = parser_of("office_sim", __doc__, out="runs/office")
-    parser.add_argument("--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)")
-    parser.add_argument("--pace", type=between(0.1, 100.0, "the pace"), default=16.0,
-                        help="how fast the lab's time passes (%(default)s)")  # fmt: skip
-    parser.add_argument("--shift", type=between(1.0, 36000.0, "the shift"), default=240.0,
-                        help="seconds in which cups fall (%(default)s)")  # fmt: skip
-    parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
-                        help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip
+    parser.add_argument(
+        "--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)"
+    )
+    parser.add_argument(
+        "--pace",
+        type=between(0.1, 100.0, "the pace"),
+        default=16.0,
+        help="how fast the lab's time passes (%(default)s)",
+    )
+    parser.add_argument(
+        "--shift",
+        type=between(1.0, 36000.0, "the shift"),
+        default=240.0,
+        help="seconds in which cups fall (%(default)s)",
+    )
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        choices=LAYERS,
+        metavar="LAYER",
+        help=f"leave out a layer: {', '.join(LAYERS)}",
+    )
     return shown(parser, _show)
 
 
@@ -64,16 +84,22 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
-    """Have the floor kept free by programs of their own; the lab at the end, and the goal, which has ended."""
+    """Have the floor kept free by programs of their own; the lab at the end, and the goal, which
+    has ended.
+    """
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
     pace = forwarded(options, "pace")
     with central_in(options.out) as (address, programs):
         world = forwarded(options, "seed", "shift")
         programs.start_module("simulator", "robots.office_sim.modules.simulator", *pace, *world)
         for name in MODULES:
-            programs.start_module(name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace)
+            programs.start_module(
+                name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace
+            )
         for name in layers:
-            programs.start_module(f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace)
+            programs.start_module(
+                f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace
+            )
         with connect("user", address, START_TIME) as user:
             programs.wait_until_handled(user, OPEN_LAB, *MODULES.values(), *layers.values())
             user.inform(OPEN_LAB)

@@ -28,9 +28,18 @@ STYLE = """\
 .number { font-size: 10px; text-anchor: middle; } .light { fill: #fff; }
 """
 
-LOOKS = {CupState.BIN: "collected", CupState.TAKEN: "taken", CupState.FLOOR: "left", CupState.HAND: "left"}
+LOOKS = {
+    CupState.BIN: "collected",
+    CupState.TAKEN: "taken",
+    CupState.FLOOR: "left",
+    CupState.HAND: "left",
+}
 """How a cup is drawn; one that is still to come is not."""
-CUPS = {"collected": "collected, where it lay", "taken": "taken by somebody", "left": "left on the floor"}
+CUPS = {
+    "collected": "collected, where it lay",
+    "taken": "taken by somebody",
+    "left": "left on the floor",
+}
 WAYS = {"way": "on the way to a cup", "carrying": "with a cup"}
 
 
@@ -79,7 +88,9 @@ def _place(spot: Spot) -> Place:
 
 
 def _block(view: View, look: str, block: Block) -> str:
-    return view.box(look, (block.left, block.bottom), block.right - block.left, block.top - block.bottom)
+    return view.box(
+        look, (block.left, block.bottom), block.right - block.left, block.top - block.bottom
+    )
 
 
 def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
@@ -90,7 +101,9 @@ def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
         half, (x, y) = 7 / view.scale, place
         yield view.line("cross", [(x - half, y - half), (x + half, y + half)])
         beside = CUP + 8
-    yield view.words(number, place, right=beside, down=3.5, class_="number" + " light" * (look == "collected"))
+    yield view.words(
+        number, place, right=beside, down=3.5, class_="number" + " light" * (look == "collected")
+    )
 
 
 def _legend(view: View) -> Iterable[str]:

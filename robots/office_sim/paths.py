@@ -17,7 +17,9 @@ class NoPath(Exception):
 
 
 def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
-    """The points to drive to, one after the other; none if the robot is near enough already. Raises NoPath."""
+    """The points to drive to, one after the other; none if the robot is near enough already. Raises
+    NoPath.
+    """
     blocks = [block.grown(RADIUS) for block in (*floor.walls, *floor.tables)]
     corners = [
         Spot(x, y)
@@ -29,7 +31,9 @@ def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
 
 
 def is_clear(start: Spot, end: Spot, block: Block) -> bool:
-    """Whether a straight way leads past a block: the part of it between the block's sides is empty."""
+    """Whether a straight way leads past a block: the part of it between the block's sides is
+    empty.
+    """
     first, last = 0.0, 1.0
     for begin, goal, low, high in (
         (start.x, end.x, block.left, block.right),
@@ -59,7 +63,9 @@ def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
             return way[-2::-1]
         for there in spots:
             length = far + here.to(there)
-            if length < known.get(there, float("inf")) and all(is_clear(here, there, block) for block in blocks):
+            if length < known.get(there, float("inf")) and all(
+                is_clear(here, there, block) for block in blocks
+            ):
                 known[there], before[there] = length, here
                 heapq.heappush(queue, (length, next(order), there))
     raise NoPath(f"nothing leads to ({goal.x:.2f}, {goal.y:.2f})")

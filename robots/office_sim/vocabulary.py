@@ -57,8 +57,12 @@ class FloorPlan:
 
     def is_free(self, spot: Spot, margin: float) -> bool:
         """Whether so much room is around a point."""
-        is_inside = margin <= spot.x <= self.width - margin and margin <= spot.y <= self.depth - margin
-        return is_inside and not any(block.grown(margin).covers(spot) for block in (*self.walls, *self.tables))
+        is_inside = (
+            margin <= spot.x <= self.width - margin and margin <= spot.y <= self.depth - margin
+        )
+        return is_inside and not any(
+            block.grown(margin).covers(spot) for block in (*self.walls, *self.tables)
+        )
 
 
 @dataclass(frozen=True, slots=True)

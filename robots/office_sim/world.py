@@ -1,5 +1,6 @@
-"""The lab as it is: cups that fall down and are taken away, a robot with a hand and a battery. It knows no clock: time
-passes when somebody calls `advance`, and the same seed with the same calls at the same times comes out the same.
+"""The lab as it is: cups that fall down and are taken away, a robot with a hand and a battery. It
+knows no clock: time passes when somebody calls `advance`, and the same seed with the same calls at
+the same times comes out the same.
 """
 
 import itertools
@@ -124,9 +125,14 @@ class OfficeWorld:
         self._happened.append(f"{self.time:6.1f} s  {what}")
 
     def look(self) -> list[Spot]:
-        """The cups that the camera on the ceiling sees: not each of them in each picture, and a little blurred."""
+        """The cups that the camera on the ceiling sees: not each of them in each picture, and a
+        little blurred.
+        """
         seen = [cup.spot for cup in self._those(CupState.FLOOR) if self._eyes.random() >= MISSED]
-        return [Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR)) for spot in seen]
+        return [
+            Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR))
+            for spot in seen
+        ]
 
     def drive(self, way: list[Spot]) -> float:
         """Set off; the seconds that it takes."""
@@ -143,7 +149,11 @@ class OfficeWorld:
 
     def close_fingers(self, spot: Spot) -> Grasped:
         """Grasp what lies there."""
-        near = [cup for cup in self._those(CupState.FLOOR) if cup.spot.to(spot) <= TOLERANCE and self._reaches(spot)]
+        near = [
+            cup
+            for cup in self._those(CupState.FLOOR)
+            if cup.spot.to(spot) <= TOLERANCE and self._reaches(spot)
+        ]
         if not near or self._those(CupState.HAND):
             return Grasped.NOTHING
         cup = near[0]
@@ -168,7 +178,9 @@ class OfficeWorld:
         return bool(held)
 
     def dock(self) -> float | None:
-        """Charge until the battery is full, or the robot drives away; the seconds that it takes, None: not here."""
+        """Charge until the battery is full, or the robot drives away; the seconds that it takes,
+        None: not here.
+        """
         if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
         self._is_docked = True
@@ -187,4 +199,13 @@ class OfficeWorld:
         trail = [Stretch(stretch.with_cup, stretch.points[:]) for stretch in self._trail]
         trail[-1].points.append(self.robot)
         cups = [SeenCup(cup.number, cup.spot, cup.state) for cup in self._cups]
-        return LabScene(self.time, self.floor, self.robot, self.battery, self._charges, cups, trail, self._happened[:])
+        return LabScene(
+            self.time,
+            self.floor,
+            self.robot,
+            self.battery,
+            self._charges,
+            cups,
+            trail,
+            self._happened[:],
+        )

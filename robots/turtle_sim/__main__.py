@@ -1,4 +1,6 @@
-"""Shows a mission: starts central, the turtle and its task server, carries it out, and draws what came of it."""
+"""Shows a mission: starts central, the turtle and its task server, carries it out, and draws what
+came of it.
+"""
 
 import argparse
 import sys
@@ -74,7 +76,9 @@ RATE = 10.0
 
 
 class ShowIsOver:
-    """A condition of all missions of a show: one of them has failed, or somebody has pressed Ctrl-C."""
+    """A condition of all missions of a show: one of them has failed, or somebody has pressed
+    Ctrl-C.
+    """
 
     why = ""
 
@@ -89,7 +93,9 @@ class ShowIsOver:
 class ShownMission(Mission):
     """A mission that says what it does, as it does it, and ends with the show."""
 
-    def __init__(self, server: str, central: CentralAddress, began: float, is_over: ShowIsOver) -> None:
+    def __init__(
+        self, server: str, central: CentralAddress, began: float, is_over: ShowIsOver
+    ) -> None:
         super().__init__(server, name=f"show of {server}", central=central, patience=60.0)
         self._began = began
         self._is_over = is_over
@@ -103,7 +109,9 @@ class ShownMission(Mission):
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Say that the task begins, and run it."""
         given = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
-        print(f"{time.monotonic() - self._began:6.2f} s  {self.server}: {name}({given})", flush=True)
+        print(
+            f"{time.monotonic() - self._began:6.2f} s  {self.server}: {name}({given})", flush=True
+        )
         return super().run(name, **parameters)
 
 
@@ -124,9 +132,14 @@ class Show:
         self._is_over = ShowIsOver()
 
     def run(self) -> None:
-        """Carry out the missions, each in a thread. Raises what the first that failed has raised."""
+        """Carry out the missions, each in a thread. Raises what the first that failed has
+        raised.
+        """
         with ExitStack() as stack:
-            centrals = {name: stack.enter_context(central_in(self._folder, f"{name} ")) for name in self._missions}
+            centrals = {
+                name: stack.enter_context(central_in(self._folder, f"{name} "))
+                for name in self._missions
+            }
             servers = self._servers()
             for name, (address, programs) in centrals.items():
                 stack.enter_context(self._simulator.module(name, address).running())
@@ -142,7 +155,9 @@ class Show:
                     raise
 
     def _servers(self) -> dict[str, list[str]]:
-        """For each turtle its task server: the Python module, and the arguments. Alone it needs no link."""
+        """For each turtle its task server: the Python module, and the arguments. Alone it needs no
+        link.
+        """
         names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
         if len(names) == 1:
             return {name: ["robots.turtle_sim.task_server", name, *rate] for name in names}
@@ -163,11 +178,25 @@ class Show:
 def main() -> int:
     """Show the mission that the arguments name; the exit code."""
     parser = parser_of("turtle_sim", __doc__, out="runs/turtle")
-    parser.add_argument("show", nargs="?", default="letters", choices=SHOWS, help="the mission (default: %(default)s)")
-    parser.add_argument("--pace", type=between(0.01, 100.0, "the pace"), default=8.0,
-                        help="how fast the turtles' time passes (%(default)s)")  # fmt: skip
-    parser.add_argument("--loss", type=between(0.0, 0.99, "the loss"), default=0.5,
-                        help="part of the datagrams between turtles that is lost")  # fmt: skip
+    parser.add_argument(
+        "show",
+        nargs="?",
+        default="letters",
+        choices=SHOWS,
+        help="the mission (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--pace",
+        type=between(0.01, 100.0, "the pace"),
+        default=8.0,
+        help="how fast the turtles' time passes (%(default)s)",
+    )
+    parser.add_argument(
+        "--loss",
+        type=between(0.0, 0.99, "the loss"),
+        default=0.5,
+        help="part of the datagrams between turtles that is lost",
+    )
     return shown(parser, _show)
 
 

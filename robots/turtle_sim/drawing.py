@@ -29,7 +29,9 @@ def draw(sheet: Sheet, title: str) -> str:
         VIEW.box("sheet", (0.0, 0.0), SIZE, SIZE),
         *_grid(),
         *(
-            VIEW.line("stroke", stroke.points, stroke=stroke.pen.colour, stroke_width=stroke.pen.width)
+            VIEW.line(
+                "stroke", stroke.points, stroke=stroke.pen.colour, stroke_width=stroke.pen.width
+            )
             for stroke in sheet.strokes
         ),
         *(part for name, turtle in sheet.turtles.items() for part in _turtle(name, turtle)),
@@ -50,6 +52,10 @@ def _grid() -> Iterable[str]:
 
 def _turtle(name: str, turtle: SeenTurtle) -> Iterable[str]:
     x, y, heading = turtle.pose.x, turtle.pose.y, turtle.pose.theta
-    yield VIEW.shape("turtle", (placed(x, y, heading, *corner) for corner in BODY), fill=turtle.pen.colour)
+    yield VIEW.shape(
+        "turtle", (placed(x, y, heading, *corner) for corner in BODY), fill=turtle.pen.colour
+    )
     has_room = (SIZE - y) * SCALE > 30
-    yield VIEW.words(name, (x, y), down=-18 if has_room else 28, class_="name", text_anchor="middle")
+    yield VIEW.words(
+        name, (x, y), down=-18 if has_room else 28, class_="name", text_anchor="middle"
+    )

@@ -1,4 +1,6 @@
-"""What the simulator of a turtle understands, and tells. Each turtle has its own central, so no name says which."""
+"""What the simulator of a turtle understands, and tells. Each turtle has its own central, so no
+name says which.
+"""
 
 from dataclasses import dataclass, field
 

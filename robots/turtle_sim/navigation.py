@@ -1,4 +1,5 @@
-"""A navigator: a module of its own that plans the turtle's way. What it understands, and the tasks that make use of it.
+"""A navigator: a module of its own that plans the turtle's way. What it understands, and the tasks
+that make use of it.
 
 There is none in this folder; tests have one. The tasks fit any environment that knows a pose.
 """
@@ -29,7 +30,9 @@ MOVE_BASE_SIMPLE = Inform("move base simple", Target)
 
 
 class MoveBase(OnceTask[TurtleEnvironment]):
-    """Have the navigator bring the turtle to a pose. A failure there is one here, and a stop here is one there."""
+    """Have the navigator bring the turtle to a pose. A failure there is one here, and a stop here
+    is one there.
+    """
 
     goal_x: float = parameter(0.0, "X coordinate of the goal")
     goal_y: float = parameter(0.0, "Y coordinate of the goal")
@@ -38,7 +41,9 @@ class MoveBase(OnceTask[TurtleEnvironment]):
 
     def iterate(self) -> None:
         """Wait for the navigator."""
-        self.task.goal(MOVE_BASE, Target(self.goal_x, self.goal_y, self.goal_yaw, self.frame_id)).result()
+        self.task.goal(
+            MOVE_BASE, Target(self.goal_x, self.goal_y, self.goal_yaw, self.frame_id)
+        ).result()
 
 
 class MoveGoal(PeriodicTask[TurtleEnvironment]):
@@ -50,7 +55,9 @@ class MoveGoal(PeriodicTask[TurtleEnvironment]):
     wait_completion: bool = parameter(True, "Whether to wait until the turtle is there")
     linear_threshold: float = parameter(0.2, "Distance at which it is", minimum=0)
     angular_threshold: float = parameter(0.2, "Radians at which it looks there", minimum=0)
-    resend_period: float = parameter(0.0, "Seconds after which the goal is told again; 0: never", minimum=0)
+    resend_period: float = parameter(
+        0.0, "Seconds after which the goal is told again; 0: never", minimum=0
+    )
 
     def initialise(self) -> None:
         """Tell the goal."""

@@ -3,7 +3,16 @@
 import argparse
 import threading
 
-from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, SHEET, VELOCITY, SeenTurtle, Sheet, Velocity
+from robots.turtle_sim.messages import (
+    CHANGE_PEN,
+    CLEAR_SHEET,
+    POSE,
+    SHEET,
+    VELOCITY,
+    SeenTurtle,
+    Sheet,
+    Velocity,
+)
 from robots.turtle_sim.world import CENTRE, Pen, Pose, Stroke, TurtleWorld
 from tca_module import Callback, Module, Task
 from tca_module.link.opening import CentralAddress
@@ -26,7 +35,11 @@ class Simulator:
         with self._lock:
             strokes = [Stroke(one.pen, one.points[:]) for one in self._world.strokes]
             return Sheet(
-                strokes, {name: SeenTurtle(turtle.pose, turtle.pen) for name, turtle in self._world.turtles.items()}
+                strokes,
+                {
+                    name: SeenTurtle(turtle.pose, turtle.pen)
+                    for name, turtle in self._world.turtles.items()
+                },
             )
 
     def module(self, name: str, central: CentralAddress = None) -> Module:
@@ -70,8 +83,17 @@ class Simulator:
 def main() -> None:
     """Simulate one turtle until told to end."""
     parser = argparse.ArgumentParser(description="One turtle on a sheet of its own.")
-    parser.add_argument("name", nargs="?", default="turtle", help="of the turtle (default: %(default)s)")
-    parser.add_argument("--at", type=float, nargs=2, default=(CENTRE.x, CENTRE.y), metavar=("X", "Y"), help="its start")
+    parser.add_argument(
+        "name", nargs="?", default="turtle", help="of the turtle (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--at",
+        type=float,
+        nargs=2,
+        default=(CENTRE.x, CENTRE.y),
+        metavar=("X", "Y"),
+        help="its start",
+    )
     options = parser.parse_args()
     world = TurtleWorld()
     world.spawn(options.name, Pose(*options.at))

@@ -12,8 +12,12 @@ TASKS = Path(__file__).parent / "tasks"
 def main() -> None:
     """Serve until told to end."""
     parser = argparse.ArgumentParser(description="The task server of a turtle.")
-    parser.add_argument("name", nargs="?", default="turtle", help="of the server (default: %(default)s)")
-    parser.add_argument("--rate", type=float, default=10.0, help="iterations a second (default: %(default)s)")
+    parser.add_argument(
+        "name", nargs="?", default="turtle", help="of the server (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--rate", type=float, default=10.0, help="iterations a second (default: %(default)s)"
+    )
     options = parser.parse_args()
     TaskServer(options.name, TurtleEnvironment(), folder=TASKS, rate=options.rate).run()
 

@@ -1,7 +1,8 @@
-"""The world of the turtles: a square sheet, turtles that move on arcs, and what their pens have drawn.
+"""The world of the turtles: a square sheet, turtles that move on arcs, and what their pens have
+drawn.
 
-It is deterministic: the same commands at the same times draw the same lines. It knows no clock; its time passes when
-somebody calls ``advance``.
+It is deterministic: the same commands at the same times draw the same lines. It knows no clock; its
+time passes when somebody calls ``advance``.
 """
 
 import math
@@ -10,7 +11,9 @@ from dataclasses import dataclass, field, replace
 from robots.turtle_sim.errors import NoSuchTurtle, TurtleExists
 
 SIZE = 11.0
-"""The length of each side. The origin is the lower left corner; angles count from the x axis, to the left."""
+"""The length of each side. The origin is the lower left corner; angles count from the x axis, to
+the left.
+"""
 
 STEP = 1 / 64
 """Seconds between two points of a line."""
@@ -65,8 +68,8 @@ class Stroke:
 
 @dataclass(slots=True)
 class Turtle:
-    """One turtle: its pose, its pen, for how many seconds more it follows its last command, its time, and the seconds
-    that have passed but make no whole step yet.
+    """One turtle: its pose, its pen, for how many seconds more it follows its last command, its
+    time, and the seconds that have passed but make no whole step yet.
     """
 
     pose: Pose
@@ -84,18 +87,24 @@ class TurtleWorld:
         self.turtles: dict[str, Turtle] = {}
         self.strokes: list[Stroke] = []
 
-    # --- what can be done ------------------------------------------------------------------------------------------
+    # --- what can be done -------------------------------------------------------------------------
 
     def spawn(self, name: str, pose: Pose = CENTRE) -> None:
         """A new turtle, with its pen down."""
         if name in self.turtles:
             raise TurtleExists(f"there is a turtle '{name}' already: give another name")
-        self.turtles[name] = Turtle(_on_the_sheet(replace(pose, linear_velocity=0.0, angular_velocity=0.0)))
+        self.turtles[name] = Turtle(
+            _on_the_sheet(replace(pose, linear_velocity=0.0, angular_velocity=0.0))
+        )
 
     def command(self, name: str, linear: float, angular: float) -> None:
-        """Move with *linear* units and turn with *angular* radians a second, for ``COMMAND_LIFE`` seconds at most."""
+        """Move with *linear* units and turn with *angular* radians a second, for ``COMMAND_LIFE``
+        seconds at most.
+        """
         turtle = self.turtle(name)
-        turtle.pose = replace(turtle.pose, linear_velocity=_possible(linear), angular_velocity=_possible(angular))
+        turtle.pose = replace(
+            turtle.pose, linear_velocity=_possible(linear), angular_velocity=_possible(angular)
+        )
         turtle.command_left = COMMAND_LIFE
 
     def set_pen(self, name: str, pen: Pen) -> None:
@@ -112,14 +121,17 @@ class TurtleWorld:
     def turtle(self, name: str) -> Turtle:
         """The turtle of this name."""
         if name not in self.turtles:
-            raise NoSuchTurtle(f"there is no turtle '{name}': there are {', '.join(self.turtles) or 'none'}")
+            raise NoSuchTurtle(
+                f"there is no turtle '{name}': there are {', '.join(self.turtles) or 'none'}"
+            )
         return self.turtles[name]
 
-    # --- time ------------------------------------------------------------------------------------------------------
+    # --- time -------------------------------------------------------------------------------------
 
     def advance(self, seconds: float, *names: str) -> None:
-        """Let time pass for the turtles of these names, or for all, in whole steps; what is left of a step is made up
-        for at the next call. Turtles don't touch each other, so each may have a time of its own.
+        """Let time pass for the turtles of these names, or for all, in whole steps; what is left of
+        a step is made up for at the next call. Turtles don't touch each other, so each may have a
+        time of its own.
         """
         for turtle in map(self.turtle, names or self.turtles):
             turtle.owed += seconds
@@ -157,7 +169,12 @@ def moved(pose: Pose, seconds: float) -> Pose:
     theta = math.remainder(pose.theta + turn, math.tau)
     if abs(pose.angular_velocity) < STRAIGHT:
         ahead = speed * seconds
-        return replace(pose, x=pose.x + ahead * math.cos(theta), y=pose.y + ahead * math.sin(theta), theta=theta)
+        return replace(
+            pose,
+            x=pose.x + ahead * math.cos(theta),
+            y=pose.y + ahead * math.sin(theta),
+            theta=theta,
+        )
     radius = speed / pose.angular_velocity
     end = pose.theta + turn
     x = pose.x + radius * (math.sin(end) - math.sin(pose.theta))
@@ -174,8 +191,12 @@ def _on_the_sheet(pose: Pose) -> Pose:
     return replace(pose, x=min(max(pose.x, 0.0), SIZE), y=min(max(pose.y, 0.0), SIZE))
 
 
-def _is_between(start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]) -> bool:
+def _is_between(
+    start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
+) -> bool:
     """Whether *middle* adds nothing to a straight line; exact to a millionth."""
     (ax, ay), (bx, by), (cx, cy) = start, middle, end
     along = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
-    return along > 0.0 and abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-6 * math.hypot(cx - ax, cy - ay)
+    return along > 0.0 and abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-6 * math.hypot(
+        cx - ax, cy - ay
+    )

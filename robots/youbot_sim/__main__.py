@@ -1,4 +1,6 @@
-"""The case study of preview coordination: an object is carried to a box, with and without a look ahead."""
+"""The case study of preview coordination: an object is carried to a box, with and without a look
+ahead.
+"""
 
 import argparse
 import sys
@@ -23,12 +25,19 @@ def main() -> int:
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
     parser.add_argument("--backend", choices=BACKENDS, default="auto", help="of the simulator")
     parser.add_argument(
-        "--seed", type=int, help="instead of a schedule: a preview, with the box B of that row of the table"
+        "--seed",
+        type=int,
+        help="instead of a schedule: a preview, with the box B of that row of the table",
     )
     parser.add_argument(
-        "--seeds", type=_count, metavar="N", help="instead: a table of N deliveries with changing boxes"
+        "--seeds",
+        type=_count,
+        metavar="N",
+        help="instead: a table of N deliveries with changing boxes",
     )
-    return shown(parser, lambda options: _show(options) if options.seeds is None else _table(options.seeds))
+    return shown(
+        parser, lambda options: _show(options) if options.seeds is None else _table(options.seeds)
+    )
 
 
 def _count(text: str) -> int:
@@ -49,7 +58,9 @@ def _table(seeds: int) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    chosen = SCHEDULES if options.schedule == "all" else {options.schedule: SCHEDULES[options.schedule]}
+    chosen = (
+        SCHEDULES if options.schedule == "all" else {options.schedule: SCHEDULES[options.schedule]}
+    )
     if options.seed is not None:
         lid = lid_of(options.seed)
         chosen = {f"seed-{options.seed}": ShownDelivery(f"with a preview, box B {lid}", lid)}

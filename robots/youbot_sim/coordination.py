@@ -11,13 +11,17 @@ THRESHOLD = 0.5
 
 
 def likelihood(candidate: Candidate) -> float:
-    """An arm move is worth as much as it is likely to be needed: its time is saved, whenever it begins."""
+    """An arm move is worth as much as it is likely to be needed: its time is saved, whenever it
+    begins.
+    """
     return candidate.probability
 
 
 def make_coordinator(*, has_preview: bool = True) -> Coordinator:
     """With a preview, or the plain machine."""
-    return Coordinator(make_delivery(), policy=Discrete(THRESHOLD, likelihood) if has_preview else None)
+    return Coordinator(
+        make_delivery(), policy=Discrete(THRESHOLD, likelihood) if has_preview else None
+    )
 
 
 def make_module(coordinator: Coordinator) -> Module:
@@ -29,8 +33,12 @@ def make_module(coordinator: Coordinator) -> Module:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.youbot_sim.coordination", description=__doc__)
-    parser.add_argument("--plain", action="store_true", help="without a preview: nothing is done ahead")
+    parser = argparse.ArgumentParser(
+        prog="python -m robots.youbot_sim.coordination", description=__doc__
+    )
+    parser.add_argument(
+        "--plain", action="store_true", help="without a preview: nothing is done ahead"
+    )
     make_module(make_coordinator(has_preview=not parser.parse_args().plain)).run()
 
 

@@ -1,8 +1,9 @@
-"""The machine of the case study: an object is carried to the box at B or, if that is not free, to the one at C.
+"""The machine of the case study: an object is carried to the box at B or, if that is not free, to
+the one at C.
 
-The arm may go to its box while the base still drives; that is all that ever happens ahead. The needs of the others say
-why: nothing is let go before the arm is there, the arm is not folded before the object is gone, and the base drives
-back with a folded arm only.
+The arm may go to its box while the base still drives; that is all that ever happens ahead. The
+needs of the others say why: nothing is let go before the arm is there, the arm is not folded before
+the object is gone, and the base drives back with a folded arm only.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
@@ -23,7 +24,9 @@ def make_delivery() -> Coordination:
     """Figure 6 of the paper."""
     with Coordination("deliver", facts={"base": "A", "arm": "home", "holding": False}) as deliver:
         waiting = deliver.state(WAITING)
-        taking = deliver.state("taking", Activity(Do(MOVE_GRIPPER, Move("closed"), GRIPPER), makes={"holding": True}))
+        taking = deliver.state(
+            "taking", Activity(Do(MOVE_GRIPPER, Move("closed"), GRIPPER), makes={"holding": True})
+        )
         to_b = deliver.state("going to B", _drive("B", needs={"holding": True}))
         arm_b = deliver.state("arm to box B", _reach("box B"))
         drop_b = deliver.state("dropping in B", _drop("B"))
@@ -31,11 +34,15 @@ def make_delivery() -> Coordination:
         arm_c = deliver.state("arm to box C", _reach("box C"))
         drop_c = deliver.state("dropping in C", _drop("C"))
         tuck = deliver.state(
-            "tucking", Activity(Do(MOVE_ARM, Move("tucked"), ARM), needs={"holding": False}, makes={"arm": "tucked"})
+            "tucking",
+            Activity(
+                Do(MOVE_ARM, Move("tucked"), ARM), needs={"holding": False}, makes={"arm": "tucked"}
+            ),
         )
         back = deliver.state("going back", _drive("A", needs={"arm": "tucked"}))
         home = deliver.state(
-            "homing", Activity(Do(MOVE_ARM, Move("home"), ARM), needs={"base": "A"}, makes={"arm": "home"})
+            "homing",
+            Activity(Do(MOVE_ARM, Move("home"), ARM), needs={"base": "A"}, makes={"arm": "home"}),
         )
         end = deliver.final("finished")
         waiting.to(taking, on=GIVEN)
@@ -60,7 +67,11 @@ def _drive(place: str, needs: dict[str, Fact]) -> Activity:
 
 def _reach(pose: str) -> Activity:
     return Activity(
-        Do(MOVE_ARM, Move(pose), ARM), needs={"holding": True}, makes={"arm": pose}, cost=ARM_COST, adapt=_slowly
+        Do(MOVE_ARM, Move(pose), ARM),
+        needs={"holding": True},
+        makes={"arm": pose},
+        cost=ARM_COST,
+        adapt=_slowly,
     )
 
 

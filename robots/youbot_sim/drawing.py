@@ -1,4 +1,6 @@
-"""A drawing of the robot from above, with places and boxes, and of its arm from the side, as SVG text."""
+"""A drawing of the robot from above, with places and boxes, and of its arm from the side, as SVG
+text.
+"""
 
 from collections.abc import Iterable
 
@@ -51,7 +53,9 @@ def _block(look: str, place: Joints, length: float, breadth: float) -> str:
     """A rectangle around a place of the map, by x, y and heading."""
     x, y, heading = place
     corners = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    return MAP.shape(look, (placed(x, y, heading, a * length / 2, b * breadth / 2) for a, b in corners))
+    return MAP.shape(
+        look, (placed(x, y, heading, a * length / 2, b * breadth / 2) for a, b in corners)
+    )
 
 
 def _side(robot: JointReadings) -> Iterable[str]:

@@ -2,9 +2,20 @@
 
 from robots.youbot_sim.motion import go_on, halt, plan
 from robots.youbot_sim.places import POSES
-from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, JointReadings, Joints, Motion, ObjectPlace, Phase
+from robots.youbot_sim.vocabulary import (
+    GROUPS,
+    Drive,
+    Group,
+    JointReadings,
+    Joints,
+    Motion,
+    ObjectPlace,
+    Phase,
+)
 
-START = JointReadings(POSES["base"]["A"], POSES["arm"]["home"], POSES["gripper"]["open"], ObjectPlace.NOWHERE)
+START = JointReadings(
+    POSES["base"]["A"], POSES["arm"]["home"], POSES["gripper"]["open"], ObjectPlace.NOWHERE
+)
 
 
 class Drives:
@@ -16,7 +27,9 @@ class Drives:
         }
 
     def drive(self, drive: Drive, now: float) -> Motion:
-        """Go somewhere: to the goal of the present motion at once, to another one when the joints have come to rest."""
+        """Go somewhere: to the goal of the present motion at once, to another one when the joints
+        have come to rest.
+        """
         motion, began = self._at(drive.group, now)
         if motion.goal == drive.goal:
             planned = go_on(motion, now - began, drive)
@@ -25,7 +38,9 @@ class Drives:
         halted = self.halt(drive.group, now)
         planned = plan(drive, halted.goal)
         self._motions[drive.group].append((planned, now + halted.seconds))
-        return Motion(halted.goal, drive.goal, (Phase(halted.seconds, 0.0, 0.0, 0.0), *planned.phases))
+        return Motion(
+            halted.goal, drive.goal, (Phase(halted.seconds, 0.0, 0.0, 0.0), *planned.phases)
+        )
 
     def halt(self, group: Group, now: float) -> Motion:
         """Come to rest; how that goes."""

@@ -1,4 +1,6 @@
-"""The quick backend: no dynamics. Joints are where the drives want them, and an object that is let go has fallen."""
+"""The quick backend: no dynamics. Joints are where the drives want them, and an object that is let
+go has fallen.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +30,9 @@ class KinematicManipulator:
         elif thing is ObjectPlace.HELD and gap > OBJECT[0]:
             thing = self._below(base, arm)
         is_between = thing in (ObjectPlace.OFFERED, ObjectPlace.HELD)
-        self._readings = JointReadings(base, arm, (max(gap, OBJECT[0]) if is_between else gap,), thing)
+        self._readings = JointReadings(
+            base, arm, (max(gap, OBJECT[0]) if is_between else gap,), thing
+        )
 
     def measured(self) -> JointReadings:
         """As the drives have it."""

@@ -1,7 +1,8 @@
-"""The arm: where its fingertips are, and which joint angles bring them somewhere. Closed forms; no simulator in here.
+"""The arm: where its fingertips are, and which joint angles bring them somewhere. Closed forms; no
+simulator in here.
 
-Angles are zero where the arm stands upright; positive ones lean it forward. The joints are those of the data sheet: one
-that turns the arm, three that lean it, and one that turns the gripper.
+Angles are zero where the arm stands upright; positive ones lean it forward. The joints are those of
+the data sheet: one that turns the arm, three that lean it, and one that turns the gripper.
 """
 
 import math
@@ -20,7 +21,13 @@ UPPER, FORE, HAND = 0.155, 0.135, 0.2175
 
 LIMITS = tuple(
     (math.radians(low), math.radians(high))
-    for low, high in ((-169.0, 169.0), (-65.0, 90.0), (-151.0, 146.0), (-102.5, 102.5), (-167.5, 167.5))
+    for low, high in (
+        (-169.0, 169.0),
+        (-65.0, 90.0),
+        (-151.0, 146.0),
+        (-102.5, 102.5),
+        (-167.5, 167.5),
+    )
 )
 
 
@@ -30,8 +37,8 @@ class PoseUnreachable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A pose of the fingertips, seen from where the arm turns: *azimuth* to the left, *reach* ahead, *height* above the
-    floor, and *lean* of the hand (0 upright, pi straight down).
+    """A pose of the fingertips, seen from where the arm turns: *azimuth* to the left, *reach*
+    ahead, *height* above the floor, and *lean* of the hand (0 upright, pi straight down).
     """
 
     azimuth: float

@@ -1,4 +1,6 @@
-"""Motions within limits: each is as fast as the slowest of its joints allows, and all joints arrive together."""
+"""Motions within limits: each is as fast as the slowest of its joints allows, and all joints arrive
+together.
+"""
 
 import math
 from collections.abc import Iterable
@@ -15,7 +17,9 @@ REST = 1e-9
 
 
 def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
-    """The way to the goal from where the joints are. *rate*: the share of this way that they already do per second."""
+    """The way to the goal from where the joints are. *rate*: the share of this way that they
+    already do per second.
+    """
     way = [abs(b - a) for a, b in zip(start, drive.goal, strict=True)]
     if max(way) < REST:
         return Motion(start, drive.goal, ())
@@ -34,7 +38,9 @@ def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
 def go_on(motion: Motion, seconds: float, drive: Drive) -> Motion:
     """From amidst a motion, to the same goal with another speed."""
     share = motion.share(seconds)
-    return plan(drive, motion.joints(seconds), motion.rate(seconds) / (1 - share) if share < 1 else 0.0)
+    return plan(
+        drive, motion.joints(seconds), motion.rate(seconds) / (1 - share) if share < 1 else 0.0
+    )
 
 
 def halt(motion: Motion, seconds: float, group: Group) -> Motion:
@@ -45,7 +51,9 @@ def halt(motion: Motion, seconds: float, group: Group) -> Motion:
     way = [abs(b - a) for a, b in zip(motion.start, motion.goal, strict=True)]
     seconds_left = rate / _least(way, ACCELERATIONS[group])
     gone = rate * seconds_left / 2
-    goal = tuple(a + gone * (b - c) for a, b, c in zip(start, motion.goal, motion.start, strict=True))
+    goal = tuple(
+        a + gone * (b - c) for a, b, c in zip(start, motion.goal, motion.start, strict=True)
+    )
     return Motion(start, goal, (Phase(seconds_left, -2 / seconds_left**2, 0.0, 2 / seconds_left),))
 
 

@@ -59,12 +59,16 @@ def make_module(group: Group) -> Module:
 
 def _goal(group: Group, wanted: Move) -> Joints:
     if wanted.to not in POSES[group]:
-        raise UNKNOWN_POSE(wanted.to, f"the {group} knows {', '.join(POSES[group])}, not '{wanted.to}'")
+        raise UNKNOWN_POSE(
+            wanted.to, f"the {group} knows {', '.join(POSES[group])}, not '{wanted.to}'"
+        )
     return POSES[group][wanted.to]
 
 
 def _arrives(task: Task, to: str, drive: Drive) -> bool:
-    """Drive there, tell how far it is, and hear what clients want meanwhile; False if they want its end."""
+    """Drive there, tell how far it is, and hear what clients want meanwhile; False if they want its
+    end.
+    """
     motion, began, done = task.query(DRIVE, drive), task.time(), 0.0
     task.report(0.0)
     while (left := began + motion.seconds - task.time()) > INSTANT:
@@ -78,14 +82,20 @@ def _arrives(task: Task, to: str, drive: Drive) -> bool:
             request.reject(f"it goes to '{to}': cancel that first")
         else:
             request.accept()
-            motion, began, done = task.query(DRIVE, replace(drive, speed=request.goal.speed)), task.time(), share
+            motion, began, done = (
+                task.query(DRIVE, replace(drive, speed=request.goal.speed)),
+                task.time(),
+                share,
+            )
     return True
 
 
 def _settle(task: Task, group: Group, goal: Joints) -> None:
     """Wait until the joints are there."""
     for _ in range(PATIENCE):
-        missed = max(abs(a - b) for a, b in zip(task.query(MEASURE).joints(group), goal, strict=True))
+        missed = max(
+            abs(a - b) for a, b in zip(task.query(MEASURE).joints(group), goal, strict=True)
+        )
         if missed <= TOLERANCE[group]:
             return
         task.sleep(SETTLING)

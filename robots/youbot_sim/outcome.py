@@ -1,4 +1,6 @@
-"""What became of a delivery, read from the journal: when which agent did what, and what was done ahead or in vain."""
+"""What became of a delivery, read from the journal: when which agent did what, and what was done
+ahead or in vain.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ from tca_wire.life_cycles import Effect
 
 @dataclass(frozen=True, slots=True)
 class DoneTask:
-    """A task of an agent, from when until when (seconds since the object was given), and what it was to the machine."""
+    """A task of an agent, from when until when (seconds since the object was given), and what it
+    was to the machine.
+    """
 
     agent: str
     state: str
@@ -47,14 +51,23 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
     history = History.until(entries)
     ((coordinator, record),) = coordinators(history)
     labels = [state.label for state in record.chart.states]
-    reports = [(change.time, read_report(change.body)) for change in coordinator.life if change.effect is Effect.RESULT]
+    reports = [
+        (change.time, read_report(change.body))
+        for change in coordinator.life
+        if change.effect is Effect.RESULT
+    ]
     told = [(time, report) for time, report in reports if report is not None]
     given = next(time for time, report in told if report.taken == GIVEN)
-    waits = next(time for time, report in told if time > given and labels[report.current] == WAITING)
+    waits = next(
+        time for time, report in told if time > given and labels[report.current] == WAITING
+    )
     tasks = []
     for one in record.tasks.values():
         start, end = worked(history, history.tasks[one.id]) or (given, given)
         roles = tuple(role for _, role in one.roles)
-        start, end = max(start - given, 0.0), max(end - given, 0.0)  # the report that it began is a bit later
+        start, end = (
+            max(start - given, 0.0),
+            max(end - given, 0.0),
+        )  # the report that it began is a bit later
         tasks.append(DoneTask(one.agent, one.state, start, end, roles))
     return CarriedObject(waits - given, tuple(tasks))

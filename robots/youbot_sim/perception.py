@@ -1,6 +1,7 @@
 """Perception: looks into box B, and says how sure it is that the box is free.
 
-It does not jump to a conclusion: each look brings it half-way from what it believed to what it sees.
+It does not jump to a conclusion: each look brings it half-way from what it believed to what it
+sees.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, LOOK

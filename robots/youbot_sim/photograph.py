@@ -1,10 +1,21 @@
-"""From a raw rendering to a picture worth showing: where the camera stands, the floor with its lines, shadows."""
+"""From a raw rendering to a picture worth showing: where the camera stands, the floor with its
+lines, shadows.
+"""
 
 import math
 
 import numpy as np
 
-from robots.rendering import Camera, Pixels, Rendering, camera_in_the_sun, ground_places, halved, near_multiple, shadow
+from robots.rendering import (
+    Camera,
+    Pixels,
+    Rendering,
+    camera_in_the_sun,
+    ground_places,
+    halved,
+    near_multiple,
+    shadow,
+)
 
 SUN = (2.0, -3.0, 6.0)
 SUN_DISTANCE = 30.0
@@ -16,7 +27,13 @@ def camera_at(x: float, y: float, heading: float) -> Camera:
     """To the right of the robot and a little ahead."""
     around = heading - 0.95
     eye = (x + 0.15 + 1.8 * math.cos(around), y + 1.8 * math.sin(around), 1.0)
-    return Camera(eye, (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2), 36.0, near=0.2, far=40.0)
+    return Camera(
+        eye,
+        (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2),
+        36.0,
+        near=0.2,
+        far=40.0,
+    )
 
 
 def sun_over(x: float, y: float) -> Camera:
@@ -30,9 +47,11 @@ def develop(frame: Rendering, from_sun: Rendering) -> Pixels:
     places = ground_places(frame)
     lines = near_multiple(places[:, 0], 0.5, 0.004) | near_multiple(places[:, 1], 0.5, 0.004)
     light = np.where(lines, 0.9, 1.0) * shadow(places, from_sun)
-    far = np.clip(np.hypot(places[:, 0] - frame.camera.eye[0], places[:, 1] - frame.camera.eye[1]) / 9.0, 0.0, 1.0)[
-        :, None
-    ]
+    far = np.clip(
+        np.hypot(places[:, 0] - frame.camera.eye[0], places[:, 1] - frame.camera.eye[1]) / 9.0,
+        0.0,
+        1.0,
+    )[:, None]
     image[frame.ground] = FLOOR * light[:, None] * (1 - far) + WALL * far
     image[~(frame.ground | frame.objects)] = WALL
     return halved(image)

@@ -1,4 +1,6 @@
-"""The robot in PyBullet: rigid bodies, motors, a grip by friction. The only file here that knows the engine."""
+"""The robot in PyBullet: rigid bodies, motors, a grip by friction. The only file here that knows
+the engine.
+"""
 
 import math
 from pathlib import Path
@@ -73,7 +75,9 @@ class BulletManipulator(BulletWorld):
     def assume(self, readings: JointReadings) -> None:
         """Put all joints where they are to be."""
         for group in GROUPS:
-            for joint, value in zip(MOTORS[group], _per_motor(group, readings.joints(group)), strict=True):
+            for joint, value in zip(
+                MOTORS[group], _per_motor(group, readings.joints(group)), strict=True
+            ):
                 self._engine.resetJointState(self._robot, self._joints[joint], value)
         if readings.object is ObjectPlace.HELD:
             self._make_object(readings)
@@ -82,8 +86,16 @@ class BulletManipulator(BulletWorld):
         """A new object, held in its place until the fingers have it."""
         self._object, place, turn = self._make_object(self.measured())
         self._hand = self._engine.createConstraint(
-            self._object, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), place,
-            childFrameOrientation=turn)  # fmt: skip
+            self._object,
+            -1,
+            -1,
+            -1,
+            pybullet.JOINT_FIXED,
+            (0, 0, 0),
+            (0, 0, 0),
+            place,
+            childFrameOrientation=turn,
+        )
 
     def _make_object(self, readings: JointReadings) -> tuple[int, Triple, Quadruple]:
         """An object between the fingers: its body, where it is, and how it is turned."""
@@ -100,7 +112,9 @@ class BulletManipulator(BulletWorld):
             box = BOXES[0]
             side = box.size + 2 * box.wall
             turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
-            self._lid = self._make_body((side, side, 0.012), (box.x, box.y, box.height + 0.006), LID, turn=turn)
+            self._lid = self._make_body(
+                (side, side, 0.012), (box.x, box.y, box.height + 0.006), LID, turn=turn
+            )
         elif not is_covered and self._lid is not None:
             self._engine.removeBody(self._lid)
             self._lid = None
@@ -114,7 +128,7 @@ class BulletManipulator(BulletWorld):
         write_png(written, photograph.develop(frame, from_sun))
         return written
 
-    # --- motors and sensors ------------------------------------------------------------------------------------------
+    # --- motors and sensors -----------------------------------------------------------------------
 
     def _command(self, group: Group, drives: Drives, time: float) -> None:
         motors = [self._joints[name] for name in MOTORS[group]]
@@ -136,7 +150,9 @@ class BulletManipulator(BulletWorld):
     def _has_gripped(self) -> bool:
         """Whether both fingers touch the object."""
         touching = {
-            contact[3] for contact in self._engine.getContactPoints(self._robot, self._object) if contact[9] > 0
+            contact[3]
+            for contact in self._engine.getContactPoints(self._robot, self._object)
+            if contact[9] > 0
         }
         return {self._joints["finger1"], self._joints["finger2"]} <= touching
 
@@ -149,12 +165,20 @@ class BulletManipulator(BulletWorld):
         if math.dist(place, tip_in_world(base, arm)) < NEAR:
             return ObjectPlace.HELD
         x, y, height = place
-        return next((box.place for box in BOXES if box.holds(x, y) and height < box.height), ObjectPlace.FLOOR)
+        return next(
+            (box.place for box in BOXES if box.holds(x, y) and height < box.height),
+            ObjectPlace.FLOOR,
+        )
 
-    # --- bodies ------------------------------------------------------------------------------------------------------
+    # --- bodies -----------------------------------------------------------------------------------
 
     def _make_body(
-        self, size: Triple, place: Triple, colour: Quadruple, mass: float = 0.0, turn: Quadruple = (0, 0, 0, 1)
+        self,
+        size: Triple,
+        place: Triple,
+        colour: Quadruple,
+        mass: float = 0.0,
+        turn: Quadruple = (0, 0, 0, 1),
     ) -> int:
         """A solid block; one without mass does not move."""
         half = [side / 2 for side in size]
@@ -172,7 +196,9 @@ class BulletManipulator(BulletWorld):
         parts += [((thick, across, box.height), (side * offset, 0.0, middle)) for side in (1, -1)]
         parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
         for size, (ahead, left, up) in parts:
-            self._make_body(size, (*placed(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn)
+            self._make_body(
+                size, (*placed(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn
+            )
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:

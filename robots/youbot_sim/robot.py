@@ -1,4 +1,6 @@
-"""The interface of a simulated robot and its surroundings, and how to get one: with physics where it can be had."""
+"""The interface of a simulated robot and its surroundings, and how to get one: with physics where
+it can be had.
+"""
 
 import importlib
 import importlib.util
@@ -42,7 +44,9 @@ class MobileManipulator(Protocol):
 
 def make_robot(backend: Physics = "auto") -> MobileManipulator:
     """A robot at place A. "auto" takes PyBullet if it is installed, else the kinematic twin."""
-    if backend == "kinematic" or (backend == "auto" and importlib.util.find_spec("pybullet") is None):
+    if backend == "kinematic" or (
+        backend == "auto" and importlib.util.find_spec("pybullet") is None
+    ):
         return KinematicManipulator()
     physics = importlib.import_module("robots.youbot_sim.physics")
     robot: MobileManipulator = physics.BulletManipulator()

@@ -1,5 +1,6 @@
-"""Many deliveries with changing boxes, each with and without a preview: how much sooner the robot is done, and what
-wrong predictions cost. Without physics and on a stepped clock, so each seed comes out the same every time.
+"""Many deliveries with changing boxes, each with and without a preview: how much sooner the robot
+is done, and what wrong predictions cost. Without physics and on a stepped clock, so each seed comes
+out the same every time.
 """
 
 import random
@@ -57,7 +58,9 @@ def compare(seeds: int) -> Iterator[SeedRow]:
         lid = lid_of(seed)
         plain, preview = (_delivered(lid, has_preview=has_preview) for has_preview in (False, True))
         to_c = any(task.state == "going to C" for task in plain.tasks)
-        yield SeedRow(seed, lid, plain, preview, _delivered(Lid(starts_covered=to_c), has_preview=True))
+        yield SeedRow(
+            seed, lid, plain, preview, _delivered(Lid(starts_covered=to_c), has_preview=True)
+        )
 
 
 def _delivered(lid: Lid, *, has_preview: bool) -> CarriedObject:

@@ -1,4 +1,6 @@
-"""A delivery by programs of their own: starts central and the robot's modules, gives the object, reads the journal."""
+"""A delivery by programs of their own: starts central and the robot's modules, gives the object,
+reads the journal.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,12 +28,16 @@ class ShownDelivery:
 SCHEDULES = {
     "best": ShownDelivery("with a preview, box B free"),
     "changed": ShownDelivery("with a preview, box B free, then covered on the way", Lid((2.0,))),
-    "plain": ShownDelivery("without a preview, box B covered", Lid(starts_covered=True), has_preview=False),
+    "plain": ShownDelivery(
+        "without a preview, box B covered", Lid(starts_covered=True), has_preview=False
+    ),
 }
 
 
 def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[CarriedObject, Path]:
-    """Carry it out, in place of an earlier one; what became of it, and a picture of the robot over the box."""
+    """Carry it out, in place of an earlier one; what became of it, and a picture of the robot over
+    the box.
+    """
     simulator = ["--backend", backend, *(["--covered"] * schedule.lid.starts_covered)]
     for change in schedule.lid.changes:
         simulator += ["--change", str(change)]

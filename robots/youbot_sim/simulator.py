@@ -1,4 +1,6 @@
-"""The simulated robot and its boxes, as a module and as a program: drives to command, sensors to read."""
+"""The simulated robot and its boxes, as a module and as a program: drives to command, sensors to
+read.
+"""
 
 import argparse
 from dataclasses import dataclass
@@ -16,8 +18,8 @@ STEP = 1 / 30
 
 @dataclass(frozen=True, slots=True)
 class Lid:
-    """What becomes of box B: free at first, or covered if it *starts covered*; after each of the *changes*, seconds
-    after the object was offered, the other way round.
+    """What becomes of box B: free at first, or covered if it *starts covered*; after each of the
+    *changes*, seconds after the object was offered, the other way round.
     """
 
     changes: tuple[float, ...] = ()
@@ -28,8 +30,13 @@ class Lid:
         return self.starts_covered != bool(sum(change <= passed for change in self.changes) % 2)
 
     def __str__(self) -> str:
-        turns = [(0.0, self.starts_covered), *((change, self.is_on(change)) for change in self.changes)]
-        return ", ".join(("covered" if is_on else "free") + f" {time:.1f}" * (time > 0) for time, is_on in turns)
+        turns = [
+            (0.0, self.starts_covered),
+            *((change, self.is_on(change)) for change in self.changes),
+        ]
+        return ", ".join(
+            ("covered" if is_on else "free") + f" {time:.1f}" * (time > 0) for time, is_on in turns
+        )
 
 
 class SimulatedRobot:
@@ -57,7 +64,9 @@ class SimulatedRobot:
 
 
 def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
-    """The module that simulates a robot; one that *has_steps* also while nobody asks for anything."""
+    """The module that simulates a robot; one that *has_steps* also while nobody asks for
+    anything.
+    """
     simulator = Module("simulator")
 
     def now(sender: Task | Callback) -> SimulatedRobot:
@@ -68,7 +77,9 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     if has_steps:
         simulator.every(STEP)(now)
     simulator.handles(DRIVE)(lambda task, wanted: now(task).drives.drive(wanted, task.time()))
-    simulator.handles(HALT)(lambda task, group: now(task).drives.halt(cast("Group", group), task.time()))
+    simulator.handles(HALT)(
+        lambda task, group: now(task).drives.halt(cast("Group", group), task.time())
+    )
     simulator.handles(OFFER_OBJECT)(lambda task: now(task).offer(task.time()))
     simulator.handles(MEASURE)(lambda task: now(task).robot.measured())
     simulator.handles(LOOK)(lambda task: not simulated.is_covered(task.time()))
@@ -77,13 +88,19 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.youbot_sim.simulator", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m robots.youbot_sim.simulator", description=__doc__
+    )
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
     parser.add_argument("--covered", action="store_true", help="box B has its lid on at first")
     parser.add_argument(
-        "--change", type=float, action="append", default=[], metavar="SECONDS",
+        "--change",
+        type=float,
+        action="append",
+        default=[],
+        metavar="SECONDS",
         help="so long after the object was offered the lid is put on, or taken off; may be given several times",
-    )  # fmt: skip
+    )
     options = parser.parse_args()
     robot = make_robot(options.backend)
     lid = Lid(tuple(options.change), starts_covered=options.covered)

@@ -1,4 +1,6 @@
-"""All of the robot in one process, on a clock that is stepped: the same delivery comes out the same every time."""
+"""All of the robot in one process, on a clock that is stepped: the same delivery comes out the same
+every time.
+"""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,8 +21,12 @@ STRIDE = 1.0
 
 
 @contextmanager
-def running(robot: SimulatedRobot, *modules: Module, has_steps: bool = False) -> Iterator[LocalCentral]:
-    """What moves the robot and looks into box B, and these modules; the caller steps their clock."""
+def running(
+    robot: SimulatedRobot, *modules: Module, has_steps: bool = False
+) -> Iterator[LocalCentral]:
+    """What moves the robot and looks into box B, and these modules; the caller steps their
+    clock.
+    """
     movers = [moving.make_module(group) for group in GROUPS]
     simulated = simulator.make_module(robot, has_steps=has_steps)
     with ExitStack() as stack:
@@ -35,7 +41,9 @@ def running(robot: SimulatedRobot, *modules: Module, has_steps: bool = False) ->
 def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
     """All modules, with the kinematic twin."""
     simulated = SimulatedRobot(KinematicManipulator(), lid)
-    with running(simulated, coordination.make_module(coordinator), user.make_module(coordinator)) as central:
+    with running(
+        simulated, coordination.make_module(coordinator), user.make_module(coordinator)
+    ) as central:
         yield central
 
 

@@ -1,10 +1,20 @@
-"""The robot as URDF text, after the youBot's published dimensions: for a physics engine, and for its pictures.
+"""The robot as URDF text, after the youBot's published dimensions: for a physics engine, and for
+its pictures.
 
-The wheels only turn in pictures: the base slides in x and y and turns, as four mecanum wheels let it.
+The wheels only turn in pictures: the base slides in x and y and turns, as four mecanum wheels let
+it.
 """
 
 from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
-from robots.youbot_sim.kinematics import FORE, HAND, LIMITS, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER
+from robots.youbot_sim.kinematics import (
+    FORE,
+    HAND,
+    LIMITS,
+    MOUNT,
+    SHOULDER_AHEAD,
+    SHOULDER_HEIGHT,
+    UPPER,
+)
 from robots.youbot_sim.places import OBJECT
 
 EFFORT = {"base": 800.0, "arm": 60.0, "gripper": 25.0}
@@ -39,7 +49,8 @@ def _slides() -> str:
         ("heading", "continuous", ("sledge_y", "base"), (0, 0, 1), None),
     ]
     joints = [
-        joint(name, kind, *ends, (0, 0, 0), axis, limits, EFFORT["base"]) for name, kind, ends, axis, limits in ways
+        joint(name, kind, *ends, (0, 0, 0), axis, limits, EFFORT["base"])
+        for name, kind, ends, axis, limits in ways
     ]
     return "".join([*sledges, *joints])
 
@@ -87,10 +98,18 @@ def _arm_links() -> list[str]:
     elbow = wheel((0, 0, UPPER), 0.037, 0.098, "dark")
     fore = box((0, 0, FORE / 2), (0.054, 0.07, FORE - 0.02), "orange")
     bend = wheel((0, 0, FORE), 0.032, 0.086, "dark")
-    wrist = [box((0, 0, 0.05), (0.048, 0.056, 0.07), "orange"), cylinder((0, 0, 0.095), 0.030, 0.035, "dark")]
+    wrist = [
+        box((0, 0, 0.05), (0.048, 0.056, 0.07), "orange"),
+        cylinder((0, 0, 0.095), 0.030, 0.035, "dark"),
+    ]
     palm = box((0, 0, 0.02), (0.05, 0.105, 0.034), "grey")
     return [
-        link("arm1_link", 1.39, (0.12, 0.12, 0.08), [cylinder((0, 0, -0.02), 0.058, 0.06, "orange"), shoulder]),
+        link(
+            "arm1_link",
+            1.39,
+            (0.12, 0.12, 0.08),
+            [cylinder((0, 0, -0.02), 0.058, 0.06, "orange"), shoulder],
+        ),
         link("arm2_link", 1.318, (0.07, 0.08, UPPER), [upper, elbow], centre=(0, 0, UPPER / 2)),
         link("arm3_link", 0.821, (0.06, 0.07, FORE), [fore, bend], centre=(0, 0, FORE / 2)),
         link("arm4_link", 0.769, (0.06, 0.06, 0.1), wrist, centre=(0, 0, 0.05)),
@@ -106,8 +125,16 @@ def _gripper() -> str:
     for number, side in ((1, 1), (2, -1)):
         name, middle = f"finger{number}", (0.0, side * thick / 2, tip - long / 2 + OBJECT[2] / 3)
         size = (wide, thick, long)
-        looks = [box(middle, size, "bright"), box((0.0, side * thick, 0.045), (0.014, 0.01, 0.05), "dark")]
-        finger = link(f"{name}_link", 0.05, FINGER, looks, GRIP + solid_box(middle, size), centre=middle)
+        looks = [
+            box(middle, size, "bright"),
+            box((0.0, side * thick, 0.045), (0.014, 0.01, 0.05), "dark"),
+        ]
+        finger = link(
+            f"{name}_link", 0.05, FINGER, looks, GRIP + solid_box(middle, size), centre=middle
+        )
         ends, force = (0.0, 0.03), EFFORT["gripper"]
-        parts += [finger, joint(name, "prismatic", "hand", f"{name}_link", (0, 0, 0), (0, side, 0), ends, force)]
+        parts += [
+            finger,
+            joint(name, "prismatic", "hand", f"{name}_link", (0, 0, 0), (0, side, 0), ends, force),
+        ]
     return "".join(parts)

@@ -1,4 +1,6 @@
-"""The user: has the robot's machine run, gives it one object after the other, and says when there are no more."""
+"""The user: has the robot's machine run, gives it one object after the other, and says when there
+are no more.
+"""
 
 from collections.abc import Iterator
 

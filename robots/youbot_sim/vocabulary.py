@@ -1,4 +1,6 @@
-"""The nouns of a mobile manipulator: plain frozen data that can be sent as messages. Metres, radians, seconds."""
+"""The nouns of a mobile manipulator: plain frozen data that can be sent as messages. Metres,
+radians, seconds.
+"""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -9,7 +11,9 @@ from typing import Literal
 import msgspec
 
 Group = Literal["base", "arm", "gripper"]
-"""Joints that move together: x, y, heading of the base; the arm's five angles; the gap between the fingers."""
+"""Joints that move together: x, y, heading of the base; the arm's five angles; the gap between the
+fingers.
+"""
 
 GROUPS: tuple[Group, ...] = ("base", "arm", "gripper")
 Joints = tuple[float, ...]

@@ -1,15 +1,19 @@
-"""Response-time analysis of processors with fixed priorities, and the policies that allocate activities to them. Pure:
+"""Response-time analysis of processors with fixed priorities, and the policies that allocate
+activities to them. Pure:
 from names, periods and execution times.
 
-A processor is schedulable if each tick ends within one period of the processor, the least of its activities, after it
-was due. In the worst case all activities are due at once. Then a processor is done after its own execution times and
-those of all that comes before it meanwhile. So the bound is the least R that solves
+A processor is schedulable if each tick ends within one period of the processor, the least of its
+activities, after it was due. In the worst case all activities are due at once. Then a processor is
+done after its own execution times and those of all that comes before it meanwhile. So the bound is
+the least R that solves
 
-    R = B + sum of its own execution times + sum over activities of higher priority: ceil(R / period) * execution time
+    R = B + sum of its own execution times + sum over activities of higher priority: ceil(R /
+    period) * execution time
 
-up to its period. Where processors preempt each other at once B is 0, and the bound is exact. Where they are switched
-between activities, B is the longest execution time of a lower priority, which may just have begun; the bound is safe
-then, but need not be reached. Execution times alone count: none for switching, none for other programs.
+up to its period. Where processors preempt each other at once B is 0, and the bound is exact. Where
+they are switched between activities, B is the longest execution time of a lower priority, which may
+just have begun; the bound is safe then, but need not be reached. Execution times alone count: none
+for switching, none for other programs.
 """
 
 import math
@@ -38,9 +42,11 @@ def utilisation(activities: Sequence[Demand]) -> float:
     return sum(one.cost / one.period for one in activities)
 
 
-def response_bounds(processors: Sequence[Sequence[Demand]], *, preemptive: bool = False) -> list[float | None]:
-    """The bound for each processor, given by the demands of its activities, the highest priority first. None: it may
-    exceed its period.
+def response_bounds(
+    processors: Sequence[Sequence[Demand]], *, preemptive: bool = False
+) -> list[float | None]:
+    """The bound for each processor, given by the demands of its activities, the highest priority
+    first. None: it may exceed its period.
     """
     bounds = []
     for number, processor in enumerate(processors):
@@ -50,8 +56,12 @@ def response_bounds(processors: Sequence[Sequence[Demand]], *, preemptive: bool 
     return bounds
 
 
-def response_bound(processor: Sequence[Demand], higher: Sequence[Demand], lower: Sequence[Demand]) -> float | None:
-    """The bound for one, among activities of higher priority, and those of lower priority that can't be preempted."""
+def response_bound(
+    processor: Sequence[Demand], higher: Sequence[Demand], lower: Sequence[Demand]
+) -> float | None:
+    """The bound for one, among activities of higher priority, and those of lower priority that
+    can't be preempted.
+    """
     limit = period(processor) * (1 + _EXACT)
     own = max((one.cost for one in lower), default=0.0) + sum(one.cost for one in processor)
     bound = own + sum(one.cost for one in higher)
@@ -63,20 +73,24 @@ def response_bound(processor: Sequence[Demand], higher: Sequence[Demand], lower:
     return None
 
 
-# --- bounds of utilisation, for preemptive processors whose activities have one period each ---------------------------
+# --- bounds of utilisation, for preemptive processors whose activities have one period each -------
 
 
 def liu_layland(number: int) -> float:
-    """So many processors with rate-monotonic priorities are schedulable if they use no more than this."""
+    """So many processors with rate-monotonic priorities are schedulable if they use no more than
+    this.
+    """
     return number * (2 ** (1 / number) - 1) if number else 1.0
 
 
 def is_hyperbolic(utilisations: Iterable[float]) -> bool:
-    """Whether processors that use so much each are schedulable by the hyperbolic bound, which accepts more."""
+    """Whether processors that use so much each are schedulable by the hyperbolic bound, which
+    accepts more.
+    """
     return math.prod(1 + each for each in utilisations) <= 2
 
 
-# --- policies: which processor ticks which activities ----------------------------------------------------------------
+# --- policies: which processor ticks which activities ---------------------------------------------
 
 Allocation = dict[str, list[str]]
 """The names of activities in order of subscription, by processors."""
@@ -96,12 +110,15 @@ def one_each(activities: Sequence[Demand]) -> Allocation:
 def automatic(activities: Sequence[Demand]) -> Allocation:
     """The fewest processors that are schedulable.
 
-    Activities are taken in rate-monotonic order: the shortest period first. Each joins the processor of the one before
-    it, unless that would not be schedulable any more. No other way to cut this order into processors needs fewer: a
-    processor that begins later has a longer period, and the same activities before it. An activity that is not
-    schedulable alone has a processor of its own.
+    Activities are taken in rate-monotonic order: the shortest period first. Each joins the
+    processor of the one before it, unless that would not be schedulable any more. No other way to
+    cut this order into processors needs fewer: a processor that begins later has a longer period,
+    and the same activities before it. An activity that is not schedulable alone has a processor of
+    its own.
     """
-    order = sorted(activities, key=lambda one: one.period)  # stable: the order of subscription stays
+    order = sorted(
+        activities, key=lambda one: one.period
+    )  # stable: the order of subscription stays
     groups: list[list[Demand]] = []
     begin = 0
     for place, one in enumerate(order):
@@ -111,4 +128,6 @@ def automatic(activities: Sequence[Demand]) -> Allocation:
         else:
             groups.append([one])
             begin = place
-    return {f"processor {number}": [one.name for one in group] for number, group in enumerate(groups, 1)}
+    return {
+        f"processor {number}": [one.name for one in group] for number, group in enumerate(groups, 1)
+    }

@@ -1,4 +1,6 @@
-"""An application: components, and the processors that tick their activities, allocated anew whenever it is wanted."""
+"""An application: components, and the processors that tick their activities, allocated anew
+whenever it is wanted.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,7 +18,11 @@ from tca_behaviours.activities.reports import AllocationReport, ApplicationFigur
 from tca_module import MisuseError, checks
 from tca_module.checks import check
 
-POLICIES: dict[str, Policy] = {"one_for_all": one_for_all, "one_each": one_each, "automatic": automatic}
+POLICIES: dict[str, Policy] = {
+    "one_for_all": one_for_all,
+    "one_each": one_each,
+    "automatic": automatic,
+}
 """By their names."""
 BY_HAND = "by hand"
 
@@ -28,8 +34,9 @@ _PRIORITY = checks.whole("a whole number", -(2**63 - 1))
 class Application:
     """Components whose activities are ticked by processors, as a policy or the user allocates them.
 
-    All its methods are for any thread, and all but ``initialise`` for ticks. Changes while it runs neither lose a tick
-    nor double one. With a ``VirtualBaton`` it has no threads, and time passes when its ``run`` is called.
+    All its methods are for any thread, and all but ``initialise`` for ticks. Changes while it runs
+    neither lose a tick nor double one. With a ``VirtualBaton`` it has no threads, and time passes
+    when its ``run`` is called.
     """
 
     def __init__(
@@ -55,8 +62,8 @@ class Application:
         return f"Application '{self.name}'"
 
     def add(self, component: Component[Any]) -> None:
-        """One component more. The policy allocates all activities anew. Without a policy, by hand, the new activities
-        are on no processor yet.
+        """One component more. The policy allocates all activities anew. Without a policy, by hand,
+        the new activities are on no processor yet.
         """
         self._add(component)
         self._tell()
@@ -65,18 +72,23 @@ class Application:
 
     def _add(self, component: Component[Any]) -> None:
         if component.name in self.components:
-            raise MisuseError(f"two components are called '{component.name}': give one of them another name")
+            raise MisuseError(
+                f"two components are called '{component.name}': give one of them another name"
+            )
         activities = component.activities()
         if self.is_running and not component.is_initialised:
             component.initialise()
         with self._baton.changing() as schedule:
             for activity in activities:
                 schedule.add(activity)
-        self.components = {**self.components, component.name: component}  # other threads go through the old one
+        self.components = {
+            **self.components,
+            component.name: component,
+        }  # other threads go through the old one
         for function in self._added:
             function(component)
 
-    # --- at work ----------------------------------------------------------------------------------------------------
+    # --- at work ----------------------------------------------------------------------------------
 
     @property
     def is_running(self) -> bool:
@@ -91,7 +103,9 @@ class Application:
 
     def start(self) -> None:
         """Tick the activities: all are due at once. Components must have been initialised."""
-        if new := [component for component in self.components.values() if not component.is_initialised]:
+        if new := [
+            component for component in self.components.values() if not component.is_initialised
+        ]:
             raise MisuseError(f"{new[0]!r} is not initialised: call initialise() before start()")
         if not self.is_running:
             self._started_at = self._baton.clock()
@@ -115,7 +129,7 @@ class Application:
         finally:
             self.stop()
 
-    # --- who ticks what ---------------------------------------------------------------------------------------------
+    # --- who ticks what ---------------------------------------------------------------------------
 
     @property
     def activity_names(self) -> list[str]:
@@ -123,8 +137,9 @@ class Application:
         return list(self._baton.schedule.activities)
 
     def allocate(self, policy: Policy | Mapping[str, Sequence[str]]) -> None:
-        """Allocate all activities by a policy, or by hand: the names of activities in order of subscription, by
-        processors. ``automatic`` needs an execution time of each activity: declared, or measured in a run before.
+        """Allocate all activities by a policy, or by hand: the names of activities in order of
+        subscription, by processors. ``automatic`` needs an execution time of each activity:
+        declared, or measured in a run before.
         """
         allocation = _checked(policy(self._demands(policy)) if callable(policy) else policy)
         _check_complete(allocation, self._baton.schedule)
@@ -132,25 +147,35 @@ class Application:
         with self._baton.changing() as schedule:
             _check_complete(allocation, schedule)  # by now there may be others
             now = self._baton.clock()
-            processors = [schedule.processor(name) or ready.get(name) or Processor(name, now) for name in allocation]
+            processors = [
+                schedule.processor(name) or ready.get(name) or Processor(name, now)
+                for name in allocation
+            ]
             for processor, activities in zip(processors, allocation.values(), strict=True):
                 processor.priority = 0
                 for each in activities:
                     schedule.put(schedule.activities[each], processor, now)
             schedule.processors = processors
-            self.policy = next((name for name, known in POLICIES.items() if known is policy), BY_HAND)
+            self.policy = next(
+                (name for name, known in POLICIES.items() if known is policy), BY_HAND
+            )
         self._tell()
 
     def move(self, activity: str, processor: str, position: int | None = None) -> None:
-        """Let another processor tick an activity: one that is there, or a new one of that name. It is subscribed last,
-        or at a position (0 is the first). A processor without activities goes.
+        """Let another processor tick an activity: one that is there, or a new one of that name. It
+        is subscribed last, or at a position (0 is the first). A processor without activities goes.
         """
         check("move()", checks.LABEL, processor=processor)
         check("move()", _POSITION, position=position)
         with self._by_hand() as schedule:
             now = self._baton.clock()
             one = schedule.activity(activity)
-            schedule.put(one, schedule.processor(processor) or schedule.new_processor(processor, now), now, position)
+            schedule.put(
+                one,
+                schedule.processor(processor) or schedule.new_processor(processor, now),
+                now,
+                position,
+            )
 
     def remove(self, activity: str) -> None:
         """Nothing ticks an activity any more, until it is moved to a processor."""
@@ -158,13 +183,17 @@ class Application:
             schedule.take_off(schedule.activity(activity))
 
     def set_period(self, activity: str, seconds: float) -> None:
-        """Change the period of an activity. It counts from the tick before; a tick that is due stays due."""
+        """Change the period of an activity. It counts from the tick before; a tick that is due
+        stays due.
+        """
         with self._baton.changing() as schedule:
             schedule.set_period(schedule.activity(activity), seconds, self._baton.clock())
         self._tell()
 
     def set_priority(self, processor: str, priority: int) -> None:
-        """The higher one goes first. All begin with 0, and among equal ones the shorter period goes first."""
+        """The higher one goes first. All begin with 0, and among equal ones the shorter period goes
+        first.
+        """
         check("set_priority()", _PRIORITY, priority=priority)
         with self._by_hand() as schedule:
             processors = {one.name: one for one in schedule.processors}
@@ -172,18 +201,20 @@ class Application:
             processors[processor].priority = priority
 
     def on_change(self, function: Callable[[], object]) -> None:
-        """Call a function after each change of the allocation, and after start and stop: in the thread that makes the
-        change.
+        """Call a function after each change of the allocation, and after start and stop: in the
+        thread that makes the change.
         """
         self._changed.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each component, those that are added later included: before they are ticked."""
+        """Call a function with each component, those that are added later included: before they are
+        ticked.
+        """
         self._added.append(function)
         for component in self.components.values():
             function(component)
 
-    # --- what is known of it ----------------------------------------------------------------------------------------
+    # --- what is known of it ----------------------------------------------------------------------
 
     def allocation(self) -> AllocationReport:
         """How activities are allocated now."""
@@ -197,7 +228,7 @@ class Application:
             running_for = (now if self.is_running else self._stopped_at) - self._started_at
             return application_figures(self.name, running_for, now, self._baton.schedule)
 
-    # --- inside -----------------------------------------------------------------------------------------------------
+    # --- inside -----------------------------------------------------------------------------------
 
     @contextmanager
     def _by_hand(self) -> Iterator[Schedule]:
@@ -240,4 +271,6 @@ def _check_complete(allocation: _Allocation, schedule: Schedule) -> None:
         if places.count(name) > 1:
             raise MisuseError(f"activity '{name}' is allocated twice: give it one processor")
     if missing := [name for name in schedule.activities if name not in places]:
-        raise MisuseError(f"activity '{missing[0]}' is on no processor: allocate each activity once")
+        raise MisuseError(
+            f"activity '{missing[0]}' is on no processor: allocate each activity once"
+        )

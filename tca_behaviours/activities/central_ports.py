@@ -4,7 +4,17 @@ from collections import deque
 from typing import Any, TypeVar
 
 from tca_behaviours.activities.components import InputPort, OutputPort
-from tca_module import Broadcast, Callback, CentralLost, Inform, MisuseError, Module, TcaError, Timeout, Variable
+from tca_module import (
+    Broadcast,
+    Callback,
+    CentralLost,
+    Inform,
+    MisuseError,
+    Module,
+    TcaError,
+    Timeout,
+    Variable,
+)
 from tca_module.log import log_of
 
 _LOG = log_of("activities")
@@ -12,7 +22,9 @@ T = TypeVar("T")
 _MOST_WAITING = 1000
 
 
-def receive(module: Module, message: Inform[T] | Broadcast[T] | Variable[T], port: InputPort[T]) -> None:
+def receive(
+    module: Module, message: Inform[T] | Broadcast[T] | Variable[T], port: InputPort[T]
+) -> None:
     """Let the data of a message arrive at an input port. *module* handles the message."""
     _check(message, port)
 
@@ -22,11 +34,16 @@ def receive(module: Module, message: Inform[T] | Broadcast[T] | Variable[T], por
 
 
 def publish(
-    module: Module, port: OutputPort[T], message: Inform[T] | Broadcast[T] | Variable[T], *, period: float = 0.05
+    module: Module,
+    port: OutputPort[T],
+    message: Inform[T] | Broadcast[T] | Variable[T],
+    *,
+    period: float = 0.05,
 ) -> None:
-    """Send what is set at an output port. *module* sends it, once a period, so that no tick waits for central: all
-    values; of a variable the newest. While it does not run, the newest thousand wait. While central is away, the newest
-    of a variable waits, and informs and broadcasts are lost, which the module's log says.
+    """Send what is set at an output port. *module* sends it, once a period, so that no tick waits
+    for central: all values; of a variable the newest. While it does not run, the newest thousand
+    wait. While central is away, the newest of a variable waits, and informs and broadcasts are
+    lost, which the module's log says.
     """
     _check(message, port)
     waiting: deque[T] = deque(maxlen=_MOST_WAITING)
@@ -55,4 +72,6 @@ def _send(callback: Callback, message: Any, value: Any, *, is_newest: bool) -> N
 
 def _check(message: Any, port: InputPort[Any] | OutputPort[Any]) -> None:
     if message.data.kind != port.type:
-        raise MisuseError(f"{message.title} has data of type {message.data}, and port {port!r}: declare the same")
+        raise MisuseError(
+            f"{message.title} has data of type {message.data}, and port {port!r}: declare the same"
+        )

@@ -1,9 +1,17 @@
-"""Reports of an application, from its schedule: how it is allocated, what was measured, and what analysis says."""
+"""Reports of an application, from its schedule: how it is allocated, what was measured, and what
+analysis says.
+"""
 
 from collections.abc import Sequence
 
 from tca_behaviours.activities import reports
-from tca_behaviours.activities.analysis import Demand, is_hyperbolic, liu_layland, response_bounds, utilisation
+from tca_behaviours.activities.analysis import (
+    Demand,
+    is_hyperbolic,
+    liu_layland,
+    response_bounds,
+    utilisation,
+)
 from tca_behaviours.activities.processing.schedule import Processor, Schedule, ScheduledActivity
 from tca_wire.text.measures import duration
 
@@ -11,10 +19,14 @@ _RECENT, _RECENT_PERIODS = 10.0, 100
 """Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
 
 
-def allocation_report(application: str, policy: str, is_running: bool, schedule: Schedule) -> reports.AllocationReport:
+def allocation_report(
+    application: str, policy: str, is_running: bool, schedule: Schedule
+) -> reports.AllocationReport:
     """How the activities are allocated."""
     processors = [
-        reports.ProcessorEntry(one.name, one.priority, one.period, [_entry(each) for each in one.activities])
+        reports.ProcessorEntry(
+            one.name, one.priority, one.period, [_entry(each) for each in one.activities]
+        )
         for one in schedule.processors
     ]
     unallocated = [_entry(one) for one in schedule.activities.values() if one.processor is None]
@@ -25,11 +37,14 @@ def application_figures(
     application: str, running_for: float, now: float, schedule: Schedule
 ) -> reports.ApplicationFigures:
     """What was measured, and what analysis says."""
-    demands = [demand for one in schedule.processors if (demand := _demands(one.activities)) is not None]
+    demands = [
+        demand for one in schedule.processors if (demand := _demands(one.activities)) is not None
+    ]
     is_known = len(demands) == len(schedule.processors)
     bounds = response_bounds(demands) if is_known else [None for _ in schedule.processors]
     processors = [
-        _processor(schedule, one, bound, is_known, now) for one, bound in zip(schedule.processors, bounds, strict=True)
+        _processor(schedule, one, bound, is_known, now)
+        for one, bound in zip(schedule.processors, bounds, strict=True)
     ]
     verdicts = {one.is_schedulable for one in processors}
     return reports.ApplicationFigures(
@@ -54,15 +69,25 @@ def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
 
 
 def _entry(one: ScheduledActivity) -> reports.ActivityEntry:
-    return reports.ActivityEntry(one.name, one.activity.component, one.period, one.activity.estimate)
+    return reports.ActivityEntry(
+        one.name, one.activity.component, one.period, one.activity.estimate
+    )
 
 
 def _activity(one: ScheduledActivity) -> reports.ActivityFigures:
     did, left_out = one.execution, one.release.left_out
     return reports.ActivityFigures(
-        one.name, did.ticks, one.release.missed - left_out, left_out, did.errors, did.error, did.mean, did.longest,
-        one.times.response, one.times.jitter,
-    )  # fmt: skip
+        one.name,
+        did.ticks,
+        one.release.missed - left_out,
+        left_out,
+        did.errors,
+        did.error,
+        did.mean,
+        did.longest,
+        one.times.response,
+        one.times.jitter,
+    )
 
 
 def _processor(
@@ -80,6 +105,15 @@ def _processor(
             limit = f"the {'bound' if bound else 'period'} is {duration(bound or one.period)}"
             verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
     return reports.ProcessorFigures(
-        one.name, one.ticks, one.load.share(now), one.times.response, jitter, one.overruns, bound, margin, verdict,
-        refuted, last_late,
-    )  # fmt: skip
+        one.name,
+        one.ticks,
+        one.load.share(now),
+        one.times.response,
+        jitter,
+        one.overruns,
+        bound,
+        margin,
+        verdict,
+        refuted,
+        last_late,
+    )

@@ -1,4 +1,6 @@
-"""What an application tells of itself: its allocation, and figures measured and computed. All times are in seconds."""
+"""What an application tells of itself: its allocation, and figures measured and computed. All times
+are in seconds.
+"""
 
 import msgspec
 
@@ -43,7 +45,9 @@ class ActivityFigures(msgspec.Struct, frozen=True):
     overruns: int
     """Ticks that ended after the next was due."""
     left_out: int
-    """Times at which it was due and not ticked, as the tick before had not begun yet, or took too long."""
+    """Times at which it was due and not ticked, as the tick before had not begun yet, or took too
+    long.
+    """
     errors: int
     """Ticks that raised."""
     error: str
@@ -53,13 +57,18 @@ class ActivityFigures(msgspec.Struct, frozen=True):
     longest: float
     """Execution time."""
     response: float
-    """The longest time from being due to the end of the tick, since the last change of the allocation."""
+    """The longest time from being due to the end of the tick, since the last change of the
+    allocation.
+    """
     jitter: float
-    """The longest less the shortest time from being due to the beginning, since the last change of the allocation."""
+    """The longest less the shortest time from being due to the beginning, since the last change of
+    the allocation.
+    """
 
 
 class ProcessorFigures(msgspec.Struct, frozen=True):
-    """What was measured of a processor since the last change of the allocation, and what analysis says of it.
+    """What was measured of a processor since the last change of the allocation, and what analysis
+    says of it.
 
     Analysis says nothing (None) while an execution time is neither declared nor measured.
     """
@@ -79,7 +88,8 @@ class ProcessorFigures(msgspec.Struct, frozen=True):
     is_schedulable: bool | None
     """By the analysis, unless a recent tick has refuted it."""
     refuted: str = ""
-    """The tick of the last 10 s, or 100 periods, that ended later than the bound, or than the period if there is none:
+    """The tick of the last 10 s, or 100 periods, that ended later than the bound, or than the
+    period if there is none:
     in words; empty: none did.
     """
     last_late: float | None = None
@@ -96,13 +106,17 @@ class ApplicationFigures(msgspec.Struct, frozen=True):
     utilisation: float | None
     """By the analysis: the sum of execution times, each divided by its period."""
     liu_layland: float
-    """Preemptive processors that use no more than this are schedulable by rate-monotonic priorities."""
+    """Preemptive processors that use no more than this are schedulable by rate-monotonic
+    priorities.
+    """
     is_hyperbolic: bool | None
     """Whether they are by the hyperbolic bound, which accepts more."""
     is_schedulable: bool | None
     processors: list[ProcessorFigures]
     activities: list[ActivityFigures]
     held_by: str = ""
-    """An activity whose tick has run for more than a second: nothing else is ticked until it ends."""
+    """An activity whose tick has run for more than a second: nothing else is ticked until it
+    ends.
+    """
     refuted: str = ""
     """The first processor that measurement refutes, in words."""

@@ -13,8 +13,8 @@ from tca_wire.journal.facts import Entry, FormatDefined, Received, StateChanged
 def count_transitions(
     journals: Iterable[Path | str | Iterable[Entry]], chart: MachineChart
 ) -> dict[tuple[str, str], int]:
-    """How often each state of a machine was left by each symbol, by (label, symbol): for ``Learned``. Runs of another
-    machine do not count, nor do transitions that this one has not.
+    """How often each state of a machine was left by each symbol, by (label, symbol): for
+    ``Learned``. Runs of another machine do not count, nor do transitions that this one has not.
 
     ::
 
@@ -22,11 +22,20 @@ def count_transitions(
 
     *journals*: folders or segments, or their entries.
     """
-    labels, symbols = {state.label for state in chart.states}, {arrow.symbol for arrow in chart.arrows}
+    labels, symbols = (
+        {state.label for state in chart.states},
+        {arrow.symbol for arrow in chart.arrows},
+    )
     counts: Counter[tuple[str, str]] = Counter()
     for journal in journals:
-        for run, report in _reports(Log(Path(journal)) if isinstance(journal, Path | str) else journal):
-            if run.name == chart.name and report.taken in symbols and 0 <= report.before < len(run.states):
+        for run, report in _reports(
+            Log(Path(journal)) if isinstance(journal, Path | str) else journal
+        ):
+            if (
+                run.name == chart.name
+                and report.taken in symbols
+                and 0 <= report.before < len(run.states)
+            ):
                 counts[run.states[report.before].label, report.taken] += 1
     return {pair: count for pair, count in counts.items() if pair[0] in labels}
 

@@ -12,7 +12,9 @@ from tca_behaviours.missions.client.mission import BaseMission as BaseMission
 from tca_behaviours.missions.client.mission import Mission as Mission
 from tca_behaviours.missions.client.task_handle import TaskHandle as TaskHandle
 from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED as MISSION_TASK_FAILED
-from tca_behaviours.missions.outcomes import MISSION_TASK_INITIALISATION_FAILED as MISSION_TASK_INITIALISATION_FAILED
+from tca_behaviours.missions.outcomes import (
+    MISSION_TASK_INITIALISATION_FAILED as MISSION_TASK_INITIALISATION_FAILED,
+)
 from tca_behaviours.missions.outcomes import MISSION_TASK_TIMEOUT as MISSION_TASK_TIMEOUT
 from tca_behaviours.missions.outcomes import Status as Status
 from tca_behaviours.missions.outcomes import TaskEnd as TaskEnd

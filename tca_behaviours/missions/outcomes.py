@@ -1,4 +1,6 @@
-"""The status codes of a run of a task, and what is said of it: while it runs, at its end, as a failure."""
+"""The status codes of a run of a task, and what is said of it: while it runs, at its end, as a
+failure.
+"""
 
 from enum import IntEnum
 
@@ -8,7 +10,9 @@ from tca_module import Failure
 
 
 class Status(IntEnum):
-    """The status of a run. The end of a run carries the mask TERMINATED beside its status: ``code & TERMINATED``."""
+    """The status of a run. The end of a run carries the mask TERMINATED beside its status: ``code &
+    TERMINATED``.
+    """
 
     NEWBORN = 0
     CONFIGURED = 1
@@ -60,7 +64,9 @@ MISSION_TASK_FAILED = Failure("mission task failed")
 """``iterate`` or ``terminate`` returned or reported a failure; the text says why."""
 MISSION_TASK_TIMEOUT = Failure("mission task timeout", kind_of=MISSION_TASK_FAILED)
 """The task ran longer than its ``task_timeout``."""
-MISSION_TASK_INITIALISATION_FAILED = Failure("mission task initialisation failed", kind_of=MISSION_TASK_FAILED)
+MISSION_TASK_INITIALISATION_FAILED = Failure(
+    "mission task initialisation failed", kind_of=MISSION_TASK_FAILED
+)
 """``initialise`` failed; neither ``iterate`` nor ``terminate`` ran."""
 
 _OF_FAILURES = {

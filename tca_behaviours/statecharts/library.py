@@ -1,4 +1,6 @@
-"""Machines as statecharts of python-statemachine, whose rules (SCXML) decide what is entered and left."""
+"""Machines as statecharts of python-statemachine, whose rules (SCXML) decide what is entered and
+left.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Generic
@@ -14,7 +16,9 @@ except ImportError:
 
 
 class LibraryChart(Generic[S]):
-    """A statechart by the definition that a subclass makes: it calls the steps ``enter`` and ``exit`` of its states."""
+    """A statechart by the definition that a subclass makes: it calls the steps ``enter`` and
+    ``exit`` of its states.
+    """
 
     def __init__(self, states: Sequence[S]) -> None:
         """*states*: all, in the order in which they are written."""
@@ -35,7 +39,9 @@ class LibraryChart(Generic[S]):
             state.document_order = order  # the library counts brothers of a container anew (3.2)
 
     def begin(self) -> None:
-        """Enter the first states. One that has ended is made anew; that takes ten times as long as to begin again."""
+        """Enter the first states. One that has ended is made anew; that takes ten times as long as
+        to begin again.
+        """
         if self._chart is None or self._chart.is_terminated:
             self._chart = self._class()
         else:
@@ -65,19 +71,25 @@ def _in_order(states: Any) -> Iterator[Any]:
 
 
 class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
-    """A machine of events at work. A leaf is an atomic state and a compound a compound state, with their final states.
+    """A machine of events at work. A leaf is an atomic state and a compound a compound state, with
+    their final states.
 
-    It runs to completion: the end of a compound may follow from an event, and that of another from that.
+    It runs to completion: the end of a compound may follow from an event, and that of another from
+        that.
     """
 
     def __init__(self, states: Sequence[S]) -> None:
         super().__init__(states)
         events = dict.fromkeys(arrow.event for state in states for arrow in state.arrows)
-        self._events = {event: f"e{number}" for number, event in enumerate(events)}  # users' may have any name
+        self._events = {
+            event: f"e{number}" for number, event in enumerate(events)
+        }  # users' may have any name
         self._now: Any = None
         self._taken: list[A] = []
         tops = [state for state in states if state.parent not in self._names]
-        self._compile({self._names[state]: self._defined(state, is_first=state is tops[0]) for state in tops})
+        self._compile(
+            {self._names[state]: self._defined(state, is_first=state is tops[0]) for state in tops}
+        )
 
     def take(self, event: str, now: Any = None) -> Sequence[A]:
         """Tell it of an event; guards look at *now*. The arrows that were taken."""
@@ -86,7 +98,7 @@ class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
             self.send(self._events[event])
         return self._taken
 
-    # --- its definition --------------------------------------------------------------------------------------------
+    # --- its definition ---------------------------------------------------------------------------
 
     def _defined(self, state: State[S, A], *, is_first: bool) -> dict[str, Any]:
         is_end_of_compound = state.kind is StateKind.FINAL and state.parent in self._names
@@ -99,7 +111,11 @@ class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
             }
         on: dict[str, list[dict[str, Any]]] = {}
         for arrow in state.arrows:
-            event = self._events[arrow.event] if arrow.is_inherited else f"done.state.{self._names[arrow.source]}"
+            event = (
+                self._events[arrow.event]
+                if arrow.is_inherited
+                else f"done.state.{self._names[arrow.source]}"
+            )
             on.setdefault(event, []).append(self._transition(arrow))
         return defined | {"on": on}
 

@@ -12,8 +12,8 @@ T = TypeVar("T")
 
 
 def arrows_of(leaf: State[Any, A]) -> list[A]:
-    """The arrows by which a leaf may be left: its own and those of the compounds around it, from the inside out. A
-    final state inside a compound is left by the compound's end only.
+    """The arrows by which a leaf may be left: its own and those of the compounds around it, from
+    the inside out. A final state inside a compound is left by the compound's end only.
     """
     if leaf.kind is StateKind.FINAL:
         return [arrow for arrow in next(leaf.around()).arrows if not arrow.is_inherited]
@@ -26,7 +26,9 @@ def arrows_of(leaf: State[Any, A]) -> list[A]:
 
 
 def check_arrows(states: Sequence[State[Any, A]]) -> None:
-    """Each state can be reached from the first one, and each arrow can be taken. Raises UnsoundMachine."""
+    """Each state can be reached from the first one, and each arrow can be taken. Raises
+    UnsoundMachine.
+    """
     for state in states:
         for place, arrow in enumerate(state.arrows):
             if hidden_by := next(filter(arrow.is_hidden_by, state.arrows[:place]), None):
@@ -40,7 +42,9 @@ def check_arrows(states: Sequence[State[Any, A]]) -> None:
     entered = reached | {around for leaf in reached for around in leaf.around()}
     check_all_reached([state for state in states if state not in entered])
     known = {arrow for arrows in taken.values() for arrow in arrows}
-    if dead := next((arrow for state in states for arrow in state.arrows if arrow not in known), None):
+    if dead := next(
+        (arrow for state in states for arrow in state.arrows if arrow not in known), None
+    ):
         raise UnsoundMachine(
             f"{dead.source!r}: its transition for '{dead.symbol}' is never taken, as in each state inside another"
             f" one for '{dead.event}' comes before it: remove it"
@@ -71,7 +75,9 @@ def check_no_circle(after: Mapping[T, Iterable[T]]) -> None:
         TopologicalSorter(after).prepare()
     except CycleError as error:
         msg = f"{named(dict.fromkeys(error.args[1]))} lead to each other for ever, and nothing is done"
-        raise UnsoundMachine(f"{msg}: let one of them lead to a state in which something is done") from None
+        raise UnsoundMachine(
+            f"{msg}: let one of them lead to a state in which something is done"
+        ) from None
 
 
 def named(states: Iterable[object]) -> str:

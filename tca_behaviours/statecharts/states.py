@@ -14,7 +14,9 @@ Step = Callable[[], object]
 
 
 class UnsoundMachine(MisuseError):
-    """A machine that can't be run as it is written; the text says which state is wrong, and what to do."""
+    """A machine that can't be run as it is written; the text says which state is wrong, and what to
+    do.
+    """
 
 
 def name_of(function: Callable[..., object]) -> str:
@@ -23,7 +25,9 @@ def name_of(function: Callable[..., object]) -> str:
 
 
 class State(Generic[S, A]):
-    """A state of a machine. *S* and *A* are the classes of all states and arrows of that machine."""
+    """A state of a machine. *S* and *A* are the classes of all states and arrows of that
+    machine.
+    """
 
     entry: Step | None = None
     """Called when it is entered."""
@@ -76,7 +80,9 @@ class State(Generic[S, A]):
 
     @cached_property
     def path(self) -> tuple[S, ...]:
-        """It and the containers that it stands in, innermost first, without the one that is the whole machine."""
+        """It and the containers that it stands in, innermost first, without the one that is the
+        whole machine.
+        """
         return (cast("S", self), *(state for state in self.around() if state.parent is not None))
 
     def all(self) -> Iterator[S]:
@@ -87,7 +93,9 @@ class State(Generic[S, A]):
 
     @property
     def leaf(self) -> S:
-        """The innermost state that is entered with it: a container is entered with its first state."""
+        """The innermost state that is entered with it: a container is entered with its first
+        state.
+        """
         state = cast("S", self)
         while state.children:
             state = state.children[0]
@@ -97,7 +105,9 @@ class State(Generic[S, A]):
 class Arrow(Generic[S]):
     """A transition from one state to another, or to the one of that label."""
 
-    def __init__(self, source: S, target: S | str, event: str, conditions: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, source: S, target: S | str, event: str, conditions: tuple[str, ...] = ()
+    ) -> None:
         """*conditions*: the names of what else must be true, in words."""
         self.source = source
         self.event = event
@@ -106,7 +116,9 @@ class Arrow(Generic[S]):
         """Its event, with what else must be true in brackets."""
         self._named = target
         if not isinstance(target, State | str):
-            raise MisuseError(f"{source!r}: a transition takes a state or its label, not {target!r:.60}")
+            raise MisuseError(
+                f"{source!r}: a transition takes a state or its label, not {target!r:.60}"
+            )
         self.target: S
         """The state that it leads to, when the machine is built."""
 
@@ -126,7 +138,9 @@ class Arrow(Generic[S]):
 
     @property
     def is_inherited(self) -> bool:
-        """Whether the states inside its own obey it; not where it leads on from the end of a compound."""
+        """Whether the states inside its own obey it; not where it leads on from the end of a
+        compound.
+        """
         return True
 
     @cached_property

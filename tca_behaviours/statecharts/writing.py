@@ -19,7 +19,9 @@ _LONGEST = 48
 
 
 class BlockState(State[B, A]):
-    """A state that holds, if it is a container, those that are written inside its ``with`` block."""
+    """A state that holds, if it is a container, those that are written inside its ``with``
+    block.
+    """
 
     def __init__(self, kind: StateKind, label: str, parent: B | None) -> None:
         super().__init__(kind, label, parent)
@@ -38,12 +40,16 @@ class BlockState(State[B, A]):
     def lead(self, arrow: A) -> A:
         """Add a transition that leads out of it. Raises MisuseError once the machine is built."""
         if self.number != -1:
-            raise MisuseError(f"{self!r} is built: write its transitions inside the machine's with block")
+            raise MisuseError(
+                f"{self!r} is built: write its transitions inside the machine's with block"
+            )
         return super().lead(arrow)
 
 
 class BlockMachine(ABC, Generic[B]):
-    """A machine whose states are written inside its ``with`` block; the first one is entered first."""
+    """A machine whose states are written inside its ``with`` block; the first one is entered
+    first.
+    """
 
     def __init__(self, name: str, root: B) -> None:
         """*root*: the container that is the whole machine."""
@@ -68,7 +74,9 @@ class BlockMachine(ABC, Generic[B]):
             raise MisuseError(f"{self!r}: its states are written inside its with block")
         check(self, LABEL, label=label)
         if label in self._labelled:
-            raise UnsoundMachine(f"{self!r} has two states '{label}': give one of them another label")
+            raise UnsoundMachine(
+                f"{self!r} has two states '{label}': give one of them another label"
+            )
         return cast("B", self.root.open[-1])
 
     def _added(self, state: B) -> B:
@@ -88,7 +96,9 @@ class BlockMachine(ABC, Generic[B]):
         return chart_of(self.name, self.states)
 
     def _build(self) -> None:
-        if empty := next((one for one in self.root.all() if one.kind.is_container and not one.children), None):
+        if empty := next(
+            (one for one in self.root.all() if one.kind.is_container and not one.children), None
+        ):
             raise UnsoundMachine(f"{empty!r} is empty: write a state inside it")
         states = self._numbered()
         for number, state in enumerate(states):

@@ -1,8 +1,10 @@
-"""The permissions that requests need: a row for each message of the protocol, asked only where there are rules.
+"""The permissions that requests need: a row for each message of the protocol, asked only where
+there are rules.
 
-What a principal has sent, and what it handles, is its own: that needs no permission. Nor do answers, which
-count only from the slot that was given the message, nor what ends a connection's own wants. What a request
-mentions that does not exist is left to the function that carries it out: that refuses it, too.
+What a principal has sent, and what it handles, is its own: that needs no permission. Nor do
+answers, which count only from the slot that was given the message, nor what ends a connection's own
+wants. What a request mentions that does not exist is left to the function that carries it out: that
+refuses it, too.
 """
 
 from collections.abc import Callable, Iterable
@@ -37,7 +39,9 @@ def forbidden(connection: Connection, what: str) -> RequestError:
     """The error of a connection that may not do *what*."""
     module = connection.module
     who = f" ({module.principal})" if module.principal else ""
-    return RequestError(Refusal.FORBIDDEN, f"module '{module.name}'{who} may not {what}: see the permissions file")
+    return RequestError(
+        Refusal.FORBIDDEN, f"module '{module.name}'{who} may not {what}: see the permissions file"
+    )
 
 
 def _need(connection: Connection, permission: Permission, name: str) -> None:
@@ -53,7 +57,7 @@ def _may_one_of(connection: Connection, permissions: Iterable[Permission], name:
     return any(_may(connection, permission, name) for permission in permissions)
 
 
-# --- tasks -----------------------------------------------------------------------------------------------------------
+# --- tasks ----------------------------------------------------------------------------------------
 
 
 def _is_own(connection: Connection, task: Task) -> bool:
@@ -65,9 +69,15 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
-    """Whether the handler that asks is the exception handler of a failure of what is under that task, or of itself."""
+    """Whether the handler that asks is the exception handler of a failure of what is under that
+    task, or of itself.
+    """
     asking: Delivery | None = central.dispatcher.running.get(central.origin)
-    if not isinstance(asking, Task) or asking.role is not Role.EXCEPTION or asking.slot is not connection:
+    if (
+        not isinstance(asking, Task)
+        or asking.role is not Role.EXCEPTION
+        or asking.slot is not connection
+    ):
         return False
     above = asking.parent
     while above is not None:
@@ -78,7 +88,9 @@ def _decides_for(central: State, connection: Connection, task: Task) -> bool:
 
 
 def _control(central: State, connection: Connection, number: TaskId, what: str) -> None:
-    """Its principal may steer that task. One that has ended is not changed any more; all hang under the root."""
+    """Its principal may steer that task. One that has ended is not changed any more; all hang under
+    the root.
+    """
     task = central.tree.tasks.get(number)
     if number == ROOT:
         _need(connection, ADMINISTER, "root")
@@ -92,12 +104,21 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
     """Its principal may know what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
-        is_its = _is_own(connection, task) or _may_one_of(connection, (TAP, KILL), task.message.name)
+        is_its = _is_own(connection, task) or _may_one_of(
+            connection, (TAP, KILL), task.message.name
+        )
         if not is_its and not _decides_for(central, connection, task):
             raise forbidden(connection, f"see {task}, which is somebody else's")
         return
-    owner, record = central.registry.permissions.outcome_owners.get(number), central.memory.kept.get(number)
-    if owner == connection.principal or (owner is None and record is None) or _may(connection, ADMINISTER, "tree"):
+    owner, record = (
+        central.registry.permissions.outcome_owners.get(number),
+        central.memory.kept.get(number),
+    )
+    if (
+        owner == connection.principal
+        or (owner is None and record is None)
+        or _may(connection, ADMINISTER, "tree")
+    ):
         return
     if record is None or not _may_see_record(connection, record):
         raise forbidden(connection, f"see task {number}, which was somebody else's")
@@ -108,17 +129,21 @@ def _may_see_record(connection: Connection, record: KeptTask) -> bool:
     return is_its or _may_one_of(connection, (TAP, KILL), record.message.name)
 
 
-def _constrain(central: State, connection: Connection, header: headers.Send | headers.Constrain) -> None:
+def _constrain(
+    central: State, connection: Connection, header: headers.Send | headers.Constrain
+) -> None:
     for constraint in header.constraints:
         if constraint.after.task > 0:
             _control(central, connection, constraint.after.task, "constrain")
 
 
-# --- a function a message --------------------------------------------------------------------------------------------
+# --- a function a message -------------------------------------------------------------------------
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
-    number = connection.tasks.get(-header.task) if header.task < 0 else header.task  # by the request that sent it
+    number = (
+        connection.tasks.get(-header.task) if header.task < 0 else header.task
+    )  # by the request that sent it
     if number is None:
         return  # there is nothing to kill
     _control(central, connection, number, "kill")
@@ -199,7 +224,9 @@ def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
     _need(connection, SEND, header.action)
     if header.message:
         _need(connection, SEND, header.message)
-    elif (task := central.tree.tasks.get(header.monitor)) is not None and not _is_own(connection, task):
+    elif (task := central.tree.tasks.get(header.monitor)) is not None and not _is_own(
+        connection, task
+    ):
         _need(connection, SEND, task.message.name)
 
 
@@ -241,7 +268,9 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Replies: None,
     headers.Fail: None,
     headers.Constrain: _constrain,
-    headers.AwaitPoint: lambda central, connection, header: _see(central, connection, header.point.task),
+    headers.AwaitPoint: lambda central, connection, header: _see(
+        central, connection, header.point.task
+    ),
     headers.Await: None,
     headers.AwaitAny: None,
     headers.GiveUp: None,

@@ -1,9 +1,10 @@
 """Records of ended tasks that modules keep: data, outcome and place in the tree.
 
-A task that a module keeps leaves a record when it ends, under its parent: the living task, the root, or that one's
-record. A record goes when nobody keeps it any more (each module keeps for itself, and a module that leaves keeps
-nothing), or when what it hangs under ends without being kept or goes itself. (TCM: SetPersistence; TDL: PERSISTENT;
-TCA 8.5 kept every node until its references were released.)
+A task that a module keeps leaves a record when it ends, under its parent: the living task, the
+root, or that one's record. A record goes when nobody keeps it any more (each module keeps for
+itself, and a module that leaves keeps nothing), or when what it hangs under ends without being kept
+or goes itself. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its references
+were released.)
 """
 
 from tca_central.errors import RequestError
@@ -20,13 +21,17 @@ MOST_KEPT = 10_000
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """A module keeps a task from now on, or no longer; letting go a task that is not kept is no error."""
+    """A module keeps a task from now on, or no longer; letting go a task that is not kept is no
+    error.
+    """
     task = central.tree.task(header.task)
     record = central.memory.kept.get(header.task)
     if header.release:
         release(central, header.task, connection.module)
     elif task is None and record is None:
-        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: ask that it be kept before it does")
+        raise RequestError(
+            Refusal.TOO_LATE, f"task {header.task} has ended: ask that it be kept before it does"
+        )
     else:
         keep(central, task or record, connection.module)
     central.accept(connection, header.number, header.task)

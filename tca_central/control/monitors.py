@@ -1,11 +1,12 @@
 """Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
 
-A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
-monitor* has something set up. A module may fire any: a demon monitor acts then, others test once more. A condition
-that holds, or a fire, sends the action under the monitor: with the condition's reply as its data, or the monitor's
-own where the reply is only true. What is declared without data gets none. A polling or demon monitor ends after so
-many actions, so many seconds, at a point, and at the latest when its parent waits for nothing else: only one that is
-sent to be waited for keeps it.
+A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every
+period. A *demon monitor* has something set up. A module may fire any: a demon monitor acts then,
+others test once more. A condition that holds, or a fire, sends the action under the monitor: with
+the condition's reply as its data, or the monitor's own where the reply is only true. What is
+declared without data gets none. A polling or demon monitor ends after so many actions, so many
+seconds, at a point, and at the latest when its parent waits for nothing else: only one that is sent
+to be waited for keeps it.
 """
 
 from tca_central.errors import RequestError
@@ -32,11 +33,13 @@ _FIRST, _ACTION = 0, 1  # which part of a monitor
 _ALL_ELSE = "all else under its parent has ended"
 
 
-# --- birth -----------------------------------------------------------------------------------------------------------
+# --- birth ----------------------------------------------------------------------------------------
 
 
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
-    """Raises RequestError if the parts of a monitor don't fit it; *new* are messages declared with it."""
+    """Raises RequestError if the parts of a monitor don't fit it; *new* are messages declared with
+    it.
+    """
     message_class = declared.message_class
     wanted = 0 if not message_class.is_monitor else 2 if message_class.has_condition else 3
     if len(declared.parts) != wanted:
@@ -47,7 +50,11 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
         part_class = new.get(part) or (known.message_class if known else None)
         is_condition = number == _FIRST and message_class.has_condition
         is_query = part_class is not None and part_class.asks_one
-        is_fit = is_query if is_condition else part == "" or (part_class is not None and part_class.may_react)
+        is_fit = (
+            is_query
+            if is_condition
+            else part == "" or (part_class is not None and part_class.may_react)
+        )
         if not is_fit:
             what = f"a {part_class}" if part_class else "not declared"
             which = "a query" if is_condition else "a goal, command, inform or broadcast"
@@ -55,7 +62,7 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
             raise RequestError(Refusal.UNKNOWN, text)
 
 
-# --- watching --------------------------------------------------------------------------------------------------------
+# --- watching -------------------------------------------------------------------------------------
 
 
 def start(central: State, task: Task) -> None:
@@ -102,10 +109,14 @@ def _wait_until(central: State, watch: Watch, until: Point) -> bool:
 
 
 def _test_later(central: State, watch: Watch) -> None:
-    """Test again at the next multiple of the period: tests that take too long are not made up for."""
+    """Test again at the next multiple of the period: tests that take too long are not made up
+    for.
+    """
     period = watch.options.period
     wait = period - (central.clock.now - watch.since) % period
-    if wait < period / 1000:  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+    if (
+        wait < period / 1000
+    ):  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
         wait += period
     central.clock.cancel(watch.timers.get(Due.TEST))
     watch.timers[Due.TEST] = central.clock.after(wait, Due.TEST, watch)
@@ -122,8 +133,9 @@ def on_test(central: State, watch: Watch) -> None:
 
 
 def _test_as_fired(central: State, watch: Watch) -> bool:
-    """Test because somebody has fired the monitor, if that is to be done; its period starts anew. One that polls waits
-    with it until it is resumed, or where its condition can't be asked until its next period.
+    """Test because somebody has fired the monitor, if that is to be done; its period starts anew.
+    One that polls waits with it until it is resumed, or where its condition can't be asked until
+    its next period.
     """
     if not watch.activations or (watch.task.message.is_aside and watch.task.suspended):
         return False
@@ -134,7 +146,9 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
 
 
 def go_on(central: State, task: Task) -> None:
-    """A monitor is resumed: it tests if it was fired meanwhile, as whatever was kept from beginning begins then."""
+    """A monitor is resumed: it tests if it was fired meanwhile, as whatever was kept from beginning
+    begins then.
+    """
     watch = _watch(task)
     if watch.is_on and watch.condition is None:
         _test_as_fired(central, watch)
@@ -152,14 +166,20 @@ def _test(central: State, watch: Watch) -> None:
             text = f"its condition '{query.name}' could not be asked: {why}"
             fail_task(central, task, RaisedFailure(OVERLOAD, text))
         return
-    asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
+    asked = make_delivery(
+        central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch
+    )
     watch.condition = asked
     central.watch_of_condition[asked.id] = watch
     central.dispatcher.route(asked)
 
 
-def on_condition_answered(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
-    """Act on a condition's answer; None and False mean that it does not hold. Its failure is the monitor's."""
+def on_condition_answered(
+    central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]
+) -> None:
+    """Act on a condition's answer; None and False mean that it does not hold. Its failure is the
+    monitor's.
+    """
     watch.condition = None
     task = watch.task
     is_point = not task.message.is_aside
@@ -188,7 +208,9 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
     action = watch.parts[_ACTION]
     if action is not None:
         body = data_for(action, body)
-        if action.message_class.is_task and central.keep_out(f"action '{action.name}' of {watch.task}", body):
+        if action.message_class.is_task and central.keep_out(
+            f"action '{action.name}' of {watch.task}", body
+        ):
             return
         make(central, action, body, watch.task, Role.ACTION, context=watch)
     watch.fires += 1
@@ -197,7 +219,9 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
-    """A module fires a monitor, or all of a message. What does not watch is not fired (TCM: a warning, no effect)."""
+    """A module fires a monitor, or all of a message. What does not watch is not fired (TCM: a
+    warning, no effect).
+    """
     if header.message:
         watches = _watches_of(central, header.message)
     else:
@@ -208,7 +232,11 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
     watching = [watch for watch in watches if watch.is_on]
     if not watching:
         state = "does not watch yet" if watches and not watches[0].is_over else "has ended"
-        text = f"no monitor '{header.message}' watches" if header.message else f"monitor {header.monitor} {state}"
+        text = (
+            f"no monitor '{header.message}' watches"
+            if header.message
+            else f"monitor {header.monitor} {state}"
+        )
         central.ignore(connection, header.number, f"{text}: it can't be fired")
         return
     for watch in watching:
@@ -231,7 +259,9 @@ def _watches_of(central: State, name: str) -> list[Watch]:
 
 
 def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
-    """Raises RequestError if a monitor has another action than its sender thinks, or can't be fired with such data."""
+    """Raises RequestError if a monitor has another action than its sender thinks, or can't be fired
+    with such data.
+    """
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
         if not wanted:
@@ -242,7 +272,11 @@ def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
         text = f"{task} can't be fired without data: its action is '{action.name}'"
         raise RequestError(Refusal.PROTOCOL, text)
     if wanted and (action is None or wanted != action.name):
-        has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"
+        has = (
+            f"its action is '{action.name}'"
+            if action is not None
+            else "it has no action: fire it without"
+        )
         raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
 
 
@@ -254,10 +288,12 @@ def _of_request(central: State, task_id: TaskId) -> Watch | None:
     return _watch(task) if task is not None else None
 
 
-# --- the end ---------------------------------------------------------------------------------------------------------
+# --- the end --------------------------------------------------------------------------------------
 
 
-def on_end_monitor(central: State, connection: Connection, header: headers.EndMonitor, _: bytes) -> None:
+def on_end_monitor(
+    central: State, connection: Connection, header: headers.EndMonitor, _: bytes
+) -> None:
     """A module ends a monitor, also one that does not watch yet."""
     watch = _of_request(central, header.monitor)
     if watch is None or watch.is_over:

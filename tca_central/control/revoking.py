@@ -1,8 +1,9 @@
-"""Locks and reservations are revoked: by an operator, or because of a deadlock. Whoever relies on one is told.
+"""Locks and reservations are revoked: by an operator, or because of a deadlock. Whoever relies on
+one is told.
 
-A handler that runs is told by its module, where it made the lock (claims.take). It fails there with "lock lost" unless
-it sees to that itself. What is *kept*, because the handler has returned, has nobody to be told: so the failure is
-raised on the task.
+A handler that runs is told by its module, where it made the lock (claims.take). It fails there with
+"lock lost" unless it sees to that itself. What is *kept*, because the handler has returned, has
+nobody to be told: so the failure is raised on the task.
 """
 
 from tca_central.failing.failures import raise_failure
@@ -28,17 +29,25 @@ def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, 
     """Take a resource away. If the handler has returned, *failure* is raised on its task."""
     revoke(central, claim, why, text)
     if (task := keeper_of(claim)) is not None:
-        _warn(central, task, RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"))
+        _warn(
+            central,
+            task,
+            RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"),
+        )
 
 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
-    """A handler has returned without having asked what became of its lock, which its task was to keep."""
+    """A handler has returned without having asked what became of its lock, which its task was to
+    keep.
+    """
     if text := pop_losses(slot, task):
         _warn(central, task, RaisedFailure(LOCK_LOST, text))
 
 
 def keeper_of(claim: ModuleClaim) -> Task | None:
-    """The task whose end alone ends a claim: the handler that made it has returned. None if there is no such task."""
+    """The task whose end alone ends a claim: the handler that made it has returned. None if there
+    is no such task.
+    """
     holder = claim.holder
     return holder if isinstance(holder, Task) and holder.slot is None else None
 

@@ -1,5 +1,6 @@
-"""Steering of existing tasks: kills now, later or after a point, deadlines, suspension, and messages sent when a task
-is killed. Planned ones are bounded in number, and forgotten when the task ends.
+"""Steering of existing tasks: kills now, later or after a point, deadlines, suspension, and
+messages sent when a task is killed. Planned ones are bounded in number, and forgotten when the task
+ends.
 """
 
 import msgspec
@@ -36,7 +37,10 @@ def _check_pending(central: State, task: Task) -> None:
     """Raises RequestError if no more may lie ahead of a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
     if task.plans is not None and len(task.plans.pending) >= MOST_PENDING:
-        raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
+        raise RequestError(
+            Refusal.OVERLOAD,
+            f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already",
+        )
 
 
 def forget_pending(central: State, plans: Plans) -> None:
@@ -49,7 +53,7 @@ def forget_pending(central: State, plans: Plans) -> None:
     plans.pending.clear()
 
 
-# --- kills -----------------------------------------------------------------------------------------------------------
+# --- kills ----------------------------------------------------------------------------------------
 
 
 class PendingKill(Stored):
@@ -80,7 +84,9 @@ class PendingKill(Stored):
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
         return [
-            child for child in (parent.children or {}).values() if child is not self.task and not child.role.survives
+            child
+            for child in (parent.children or {}).values()
+            if child is not self.task and not child.role.survives
         ]
 
     def _is_there(self, central: State) -> bool:
@@ -89,23 +95,36 @@ class PendingKill(Stored):
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module ends a task, its descendants or its siblings; now, some time from now, or after a point."""
+    """A module ends a task, its descendants or its siblings; now, some time from now, or after a
+    point.
+    """
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        if not header.task:  # it has not come, and never will: it would have come before this; or it was refused
+        if (
+            not header.task
+        ):  # it has not come, and never will: it would have come before this; or it was refused
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
     task = central.tree.root if is_all else central.tree.task(header.task)
     if task is None:
-        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
+        central.ignore(
+            connection, header.number, f"task {header.task} has ended: it can't be killed"
+        )
         return
     pending = PendingKill(
-        task, header.scope, header.delay, Verdict(_why(header), connection.module.name, central.origin)
+        task,
+        header.scope,
+        header.delay,
+        Verdict(_why(header), connection.module.name, central.origin),
     )
     at = central.tree.task(header.after.task) if header.after is not None else None
-    if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
+    if (
+        header.after is not None
+        and at is not None
+        and not at.reached & checked_moment(header.after)
+    ):
         _plan(central, pending, header.after)
         Plans.of(task).pending[pending] = at
         central.agenda.wait(at, checked_moment(header.after), pending)
@@ -118,7 +137,11 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
 
 def _why(header: headers.Kill) -> str:
     """Who has to wait for it says it briefly: nobody counts the bytes of what is planned."""
-    return shortened(header.why, LONGEST_PLANNED) if header.delay or header.after else shortened(header.why)
+    return (
+        shortened(header.why, LONGEST_PLANNED)
+        if header.delay or header.after
+        else shortened(header.why)
+    )
 
 
 def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
@@ -127,7 +150,7 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
 
 
-# --- deadlines -------------------------------------------------------------------------------------------------------
+# --- deadlines ------------------------------------------------------------------------------------
 
 
 class PendingDeadline(Stored):
@@ -140,7 +163,9 @@ class PendingDeadline(Stored):
 
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
-    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
+    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds*
+    from now.
+    """
     deadline = PendingDeadline(task, moment, seconds)
     Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(task.id, moment, seconds))
@@ -168,20 +193,24 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
     central.accept(connection, header.number, header.point.task)
 
 
-# --- suspension ------------------------------------------------------------------------------------------------------
+# --- suspension -----------------------------------------------------------------------------------
 
 
 def on_suspend(central: State, connection: Connection, header: headers.Suspend, _: bytes) -> None:
     """A module suspends or resumes a task with all under it (TCM: Suspend, Unsuspend)."""
     task = central.tree.task(header.task)
     if task is None:
-        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be suspended or resumed")
+        central.ignore(
+            connection,
+            header.number,
+            f"task {header.task} has ended: it can't be suspended or resumed",
+        )
         return
     suspend(central, task, resume=header.resume, by=connection.module.name)
     central.accept(connection, header.number, task.id)
 
 
-# --- on termination (TDL: ON TERMINATE) ------------------------------------------------------------------------------
+# --- on termination (TDL: ON TERMINATE) -----------------------------------------------------------
 
 
 def check_farewell(message: MessageType, task_id: int) -> None:
@@ -195,7 +224,9 @@ def check_farewell(message: MessageType, task_id: int) -> None:
 
 
 def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message to be sent when the task is killed. If it was killed already and its handler runs, send it now."""
+    """Keep a message to be sent when the task is killed. If it was killed already and its handler
+    runs, send it now.
+    """
     if task.killed and task.slot is None:
         text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
         raise RequestError(Refusal.TOO_LATE, text)
@@ -204,7 +235,10 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
         return
     farewells = Plans.of(task).farewells
     if len(farewells) >= MOST_FAREWELLS:
-        raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
+        raise RequestError(
+            Refusal.OVERLOAD,
+            f"{MOST_FAREWELLS} messages wait for the termination of {task} already",
+        )
     farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(task.id, message.name, body))

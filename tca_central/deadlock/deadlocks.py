@@ -1,15 +1,17 @@
-"""Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
+"""Deadlocks: waits that can never end, found when they begin and ended with a failure that names
+the circle.
 
-Theory of operation. search.py says what in the graph of needs can never come about: what waits, in the end, for itself.
-Of such a circle the newest wait of a handler is refused ("deadlock"), and the handler gets an error. Where only tasks
-wait for each other, the failure is raised on one that keeps a lock or reservation, and that is taken away if no
-exception handler helps. It is taken away at once if an exception handler, or what leaves things safe, waits in the
-circle: those go first.
+Theory of operation. search.py says what in the graph of needs can never come about: what waits, in
+the end, for itself. Of such a circle the newest wait of a handler is refused ("deadlock"), and the
+handler gets an error. Where only tasks wait for each other, the failure is raised on one that keeps
+a lock or reservation, and that is taken away if no exception handler helps. It is taken away at
+once if an exception handler, or what leaves things safe, waits in the circle: those go first.
 
-Central searches from a wait that has just begun, and from a message that was just queued. Whatever else may close a
-circle (a subtask, a constraint, a lost slot) is found shortly after, by a look at all that blocks. A search that has
-looked at enough for one event goes on in later looks, so that central is never held up. Each circle has the wait of a
-handler in it, or something locked: nobody waits for what a mere client waits for.
+Central searches from a wait that has just begun, and from a message that was just queued. Whatever
+else may close a circle (a subtask, a constraint, a lost slot) is found shortly after, by a look at
+all that blocks. A search that has looked at enough for one event goes on in later looks, so that
+central is never held up. Each circle has the wait of a handler in it, or something locked: nobody
+waits for what a mere client waits for.
 """
 
 from itertools import pairwise
@@ -99,7 +101,9 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
 
 
 def note_event(central: State) -> None:
-    """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
+    """An event is over in which somebody blocks: see later whether anything in it has closed a
+    circle.
+    """
     if not central.may_have_closed:
         for fact in central.facts:
             if type(fact) not in _CLOSES_NOTHING and _may_matter(central, fact):
@@ -165,7 +169,7 @@ def _is_there(start: Node) -> bool:
     return not isinstance(start, Waiting) or start.number in start.connection.waits
 
 
-# --- the remedy ------------------------------------------------------------------------------------------------------
+# --- the remedy -----------------------------------------------------------------------------------
 
 
 def _resolve_all(central: State, search: Search, start: Node) -> Search:
@@ -178,14 +182,18 @@ def _resolve_all(central: State, search: Search, start: Node) -> Search:
 
 
 def _resolve(central: State, circle: list[Node], search: Search) -> bool:
-    """End a wait or a claim of a circle, or raise a failure for it; False if its failure is being handled."""
+    """End a wait or a claim of a circle, or raise a failure for it; False if its failure is being
+    handled.
+    """
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
     claims = (node.claim for node in circle if isinstance(node, Releasing))
     kept = {claim: task for claim in claims if (task := keeper_of(claim)) is not None}
     goes_first = _of_recovery(central, circle)
     if kept and goes_first:  # somebody loses a lock they need, and is told
-        claim = min(kept, key=lambda claim: any(above.role.survives for above in kept[claim].lineage()))
+        claim = min(
+            kept, key=lambda claim: any(above.role.survives for above in kept[claim].lineage())
+        )
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:
         refused = [wait for wait in waits if wait not in goes_first] or waits
@@ -204,7 +212,9 @@ def _since(wait: Waiting) -> int:
 
 
 def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> bool:
-    """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
+    """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses
+    it.
+    """
     if not kept or any(_is_being_handled(task, search) for task in kept.values()):
         return False
     for task in kept.values():
@@ -226,7 +236,9 @@ def _is_being_handled(task: Task, search: Search) -> bool:
 
 
 def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
-    """The nodes of a circle that belong to recovery or safe ends: their tasks, the subtrees, and their waits."""
+    """The nodes of a circle that belong to recovery or safe ends: their tasks, the subtrees, and
+    their waits.
+    """
     found: set[Node] = set()
     known: dict[Task, bool] = {}
     before = circle[-1]
@@ -264,7 +276,7 @@ def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
     return does
 
 
-# --- words -----------------------------------------------------------------------------------------------------------
+# --- words ----------------------------------------------------------------------------------------
 
 
 def describe(central: State, circle: list[Node]) -> str:
@@ -275,7 +287,9 @@ def describe(central: State, circle: list[Node]) -> str:
     for node, following in pairwise([*circle, circle[0]]):
         waits = _waits(central, node, following)
         if waits is not None:
-            told[f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"] = None
+            told[f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"] = (
+                None
+            )
     more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
     return f"each waits for the next, in a circle: {'; '.join([*told][:_SHOWN])}{more}"
 
@@ -286,12 +300,16 @@ def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
         case Waiting(), _:
             waits = waits_of(central, node)
             if waits and waits[0].kind is WaitKind.REPLY:
-                return [replace(waits[0], because=())]  # where the query is, the next in the circle tells
+                return [
+                    replace(waits[0], because=())
+                ]  # where the query is, the next in the circle tells
             return waits
         case ((Granting() | TurnAt()), _):
             return waits_of(central, node)
         case Releasing(claim), Place(task, _) if task is not claim.holder:
-            return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]  # before it is handled again
+            return [
+                WaitFor(WaitKind.SUBTASK, task.id, task.message.name)
+            ]  # before it is handled again
         case Place(task, _), _ if _delivery_of(central, following) is not task:
             return [wait_for_group(central, node, [following])]
     return None

@@ -1,18 +1,30 @@
-"""A search through the graph of needs for nodes that can never come about. It can be interrupted, and goes on later.
+"""A search through the graph of needs for nodes that can never come about. It can be interrupted,
+and goes on later.
 
-Theory of operation. A node is *live* if each group that it needs holds a live node; all others are *stuck*. The search
-goes forwards from the node that is asked about. Each node that it meets stands at its first group without a known live
-node, and goes on to the next group when one becomes live; after the last group it is live itself. When nothing moves
-any more, what is not live is stuck. What was found is used for all that is asked later.
+Theory of operation. A node is *live* if each group that it needs holds a live node; all others are
+*stuck*. The search goes forwards from the node that is asked about. Each node that it meets stands
+at its first group without a known live node, and goes on to the next group when one becomes live;
+after the last group it is live itself. When nothing moves any more, what is not live is stuck. What
+was found is used for all that is asked later.
 
-A search that was interrupted has seen different parts at different times. What was stuck when it began is found all the
-same: it stays stuck, since one group of each such node holds such nodes alone, and none of them is ever taken for live.
-What it calls stuck is stuck: before it says so, it looks again, at once, at the groups where these nodes stand.
+A search that was interrupted has seen different parts at different times. What was stuck when it
+began is found all the same: it stays stuck, since one group of each such node holds such nodes
+alone, and none of them is ever taken for live. What it calls stuck is stuck: before it says so, it
+looks again, at once, at the groups where these nodes stand.
 """
 
 from collections.abc import Iterable
 
-from tca_central.needs.graph import Group, Groups, Node, Turn, TurnAt, is_only_queued, needs, still_needs
+from tca_central.needs.graph import (
+    Group,
+    Groups,
+    Node,
+    Turn,
+    TurnAt,
+    is_only_queued,
+    needs,
+    still_needs,
+)
 from tca_central.order.cycles import Each, Place
 from tca_central.state import State
 
@@ -22,7 +34,9 @@ class TooLongError(Exception):
 
 
 class Search:
-    """A search for stuck nodes over at most *edges* edges; with ``list`` for *each* it may go on after events."""
+    """A search for stuck nodes over at most *edges* edges; with ``list`` for *each* it may go on
+    after events.
+    """
 
     def __init__(self, central: State, edges: int, each: Each = iter) -> None:
         self.edges = edges  #: that it may still look at
@@ -31,9 +45,13 @@ class Search:
         self._each = each
         self._is_old = False  #: something may have changed since it began
         self._live: set[Node | int] = set()  #: keys of nodes
-        self._open: dict[Node, Groups] = {}  #: nodes that are not known to be live, and the groups still to come
+        self._open: dict[
+            Node, Groups
+        ] = {}  #: nodes that are not known to be live, and the groups still to come
         self._at: dict[Node, Group] = {}  #: the group at which such a node stands
-        self._users: dict[Node, list[tuple[Node, Group]]] = {}  #: by node, the users that wait for a group with it
+        self._users: dict[
+            Node, list[tuple[Node, Group]]
+        ] = {}  #: by node, the users that wait for a group with it
         self._to_do: list[Node] = []  #: open nodes that can go on, the one to be seen to next last
 
     @property
@@ -148,4 +166,6 @@ def _key(node: Node) -> Node | int:
 
 def _is_soon_seen_again(node: Node) -> bool:
     """Whether there is no need to remember it: there is one for each task in a queue."""
-    return isinstance(node, Turn | TurnAt) or (isinstance(node, Place) and is_only_queued(node.task))
+    return isinstance(node, Turn | TurnAt) or (
+        isinstance(node, Place) and is_only_queued(node.task)
+    )

@@ -1,4 +1,6 @@
-"""Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
+"""Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken
+away again.
+"""
 
 from tca_central.errors import RequestError, check_name
 from tca_central.model.budget import ATTACHED_BYTES
@@ -18,7 +20,9 @@ MOST_ATTACHED = 1000
 
 
 def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
-    """A module attaches an exception handler to a task, to all tasks of a message, or to the root."""
+    """A module attaches an exception handler to a task, to all tasks of a message, or to the
+    root.
+    """
     message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:
@@ -40,17 +44,25 @@ def _task_message(central: State, name: str) -> MessageType:
 def check_attachments(central: State, wanted: list[Attachment]) -> None:
     """Raises RequestError if one of them can't be attached."""
     if len(wanted) > MOST_ATTACHED:
-        raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
+        raise RequestError(
+            Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed"
+        )
     for attachment in wanted:
         check_name("failure", attachment.failure, or_none=True)
         handler = central.registry.messages.get(attachment.handler)
         if handler is None or not handler.message_class.handles_failures:
             what = f"a {handler.message_class}" if handler else "not declared"
-            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, not an exception handler")
+            raise RequestError(
+                Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, not an exception handler"
+            )
 
 
-def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Module) -> AttachedHandler:
-    """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
+def attach(
+    central: State, wanted: Attachment, place: Task | MessageType, by: Module
+) -> AttachedHandler:
+    """Attach an exception handler as the newest; the same one of the same module, or of a copy,
+    makes room for it.
+    """
     check_attachments(central, [wanted])
     others = Recovery.of(place).attached if isinstance(place, Task) else place.attached
     same = (wanted.failure, wanted.handler, by.called)
@@ -60,20 +72,30 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Mo
     else:
         central.check_declared(ATTACHED_BYTES)
     if len(others) >= MOST_ATTACHED:
-        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
+        raise RequestError(
+            Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already"
+        )
     handler = central.registry.messages[wanted.handler]
-    attached = AttachedHandler(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called)
+    attached = AttachedHandler(
+        central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called
+    )
     copies = before.holders.values() if before is not None else ()
-    attached.holders = {one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules}
+    attached.holders = {
+        one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules
+    }
     others.append(attached)
     central.attached[attached.id] = attached
     task, message = (place.id, "") if isinstance(place, Task) else (ROOT, place.name)
-    central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))
+    central.facts.append(
+        facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum)
+    )
     return attached
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module removes an exception handler or wiretap of its own; an operator anyone's, and ends monitors."""
+    """A module removes an exception handler or wiretap of its own; an operator anyone's, and ends
+    monitors.
+    """
     module, gone = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached, module.name)
@@ -87,7 +109,9 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
 
 
 def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
-    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task that is none."""
+    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task
+    that is none.
+    """
     task = central.tree.tasks.get(number)
     if task is None:
         return False

@@ -1,12 +1,14 @@
-"""Failures: raised on a task, handled by the nearest exception handler above, or the end of the top-level task.
+"""Failures: raised on a task, handled by the nearest exception handler above, or the end of the
+top-level task.
 
-Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). The search starts at the failing task
-and goes up to the root; on each task its own exception handlers come first, newest first, then those of its message.
-The one that is found runs as a goal under the failing task. While it decides, the failing task does not count as
-handled. Three things deal with a failure: a retry of the failing task or of one above it, a kill of one of these, and
-``resolved()``, which counts when the handler's task has ended. After anything else the search goes on above it: at
-once when the handler reissues the failure, or fails itself, not by choice and with no handler for that; else when its
-task has ended.
+Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). The search starts at
+the failing task and goes up to the root; on each task its own exception handlers come first, newest
+first, then those of its message. The one that is found runs as a goal under the failing task. While
+it decides, the failing task does not count as handled. Three things deal with a failure: a retry of
+the failing task or of one above it, a kill of one of these, and ``resolved()``, which counts when
+the handler's task has ended. After anything else the search goes on above it: at once when the
+handler reissues the failure, or fails itself, not by choice and with no handler for that; else when
+its task has ended.
 """
 
 from collections import Counter
@@ -26,31 +28,45 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    ROOT,
+    START_HANDLING,
+)
 from tca_wire.rules import KILLED
 from tca_wire.text.printable import printable, shortened
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_REASON = 500
-"""Characters of why an exception handler could not decide that the failure it was called for tells of."""
+"""Characters of why an exception handler could not decide that the failure it was called for tells
+of.
+"""
 
 MOST_ATTEMPTS = 100
-"""Times that a task is handled for the sake of an exception handler without a maximum of its own."""
+"""Times that a task is handled for the sake of an exception handler without a maximum of its
+own.
+"""
 MOST_KINDS = 32
 MOST_NESTED = 8
-"""The greatest depth of calls of one exception handler within its own: a handler that fails with the failure
-that it handles would go on for ever."""
+"""The greatest depth of calls of one exception handler within its own: a handler that fails with
+the failure that it handles would go on for ever.
+"""
 
 NEWLINE = "\n"
 
 
 def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailure:
     """The failure that a header tells of, within bounds."""
-    failure, *kinds = (printable(name)[: Limit.NAME] for name in (header.failure, *header.kinds[:MOST_KINDS]))
+    failure, *kinds = (
+        printable(name)[: Limit.NAME] for name in (header.failure, *header.kinds[:MOST_KINDS])
+    )
     return RaisedFailure(failure, shortened(header.text), body, tuple(kinds))
 
 
-# --- raising ---------------------------------------------------------------------------------------------------------
+# --- raising --------------------------------------------------------------------------------------
 
 
 def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
@@ -84,7 +100,9 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
 
 
 def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bool) -> Task | None:
-    """Call the nearest exception handler for a failure; its task. Without one the sender is told, and None returned."""
+    """Call the nearest exception handler for a failure; its task. Without one the sender is told,
+    and None returned.
+    """
     handler = _call_handler(central, task, failure, is_beside=is_beside)
     if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
         _continue_search(central, undecided)
@@ -92,14 +110,18 @@ def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bo
 
 
 def _continue_search(central: State, handler: Task | None) -> None:
-    """Continue a search above an exception handler that could not decide, and so on for the failures around it."""
+    """Continue a search above an exception handler that could not decide, and so on for the
+    failures around it.
+    """
     while handler is not None:
         trouble = trouble_of(handler)
         failing, recovery = trouble.failing, Recovery.of(trouble.failing)
         if failing.killed:
             return
         is_deciding = recovery.handler is handler
-        following = _call_handler(central, failing, trouble.failure, trouble, is_beside=not is_deciding)
+        following = _call_handler(
+            central, failing, trouble.failure, trouble, is_beside=not is_deciding
+        )
         if is_deciding:
             recovery.handler = following
             if following is None:
@@ -108,30 +130,49 @@ def _continue_search(central: State, handler: Task | None) -> None:
 
 
 def _call_handler(
-    central: State, task: Task, failure: RaisedFailure, below: FailureContext | None = None, *, is_beside: bool
+    central: State,
+    task: Task,
+    failure: RaisedFailure,
+    below: FailureContext | None = None,
+    *,
+    is_beside: bool,
 ) -> Task | None:
-    """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
+    """Call the nearest exception handler for a failure, the nearest after *below* where one could
+    not deal with it.
+    """
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
     exceptions = task.recoveries()
-    passed = trouble_of(exceptions[0]).passed if exceptions else below.passed if below is not None else {}
+    passed = (
+        trouble_of(exceptions[0]).passed
+        if exceptions
+        else below.passed
+        if below is not None
+        else {}
+    )
     nested = Counter(trouble_of(one).attached.id for one in exceptions)
     trouble = _find(task, failure, below, passed, nested)
     if trouble is None:
         return None
     at, attached = trouble.at, trouble.attached
     _count_call(central, at, attached)
-    handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
+    handler = make_task(
+        central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble
+    )
     central.facts.append(facts.Caught(task.id, handler.id, at.id, attached.id, is_beside))
     return handler
 
 
 def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
-    """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
+    """One call more. Calls of exception handlers that have been removed are forgotten when they are
+    the most.
+    """
     recovery = Recovery.of(at)
     calls = recovery.invocations
     calls[attached.id] = calls.get(attached.id, 0) + 1
     if len(calls) > 2 * (len(at.attached) + len(at.message.attached)) + 16:
-        recovery.invocations = {number: count for number, count in calls.items() if number in central.attached}
+        recovery.invocations = {
+            number: count for number, count in calls.items() if number in central.attached
+        }
 
 
 def _find(
@@ -141,8 +182,8 @@ def _find(
     passed: dict[tuple[int, str], None],
     nested: Counter[int],
 ) -> FailureContext | None:
-    """The nearest exception handler that may be called: one that is handled, and was not undecided before. *nested* has
-    the number of its calls that the task is part of.
+    """The nearest exception handler that may be called: one that is handled, and was not undecided
+    before. *nested* has the number of its calls that the task is part of.
     """
     names = ("", failure.name, *failure.kinds)
     for at, attached in _candidates(task, below):
@@ -150,7 +191,11 @@ def _find(
             continue
         if (attached.id, failure.name) in passed:
             continue
-        if (attached.id, "") in passed and task.role is Role.EXCEPTION and trouble_of(task).attached is attached:
+        if (
+            (attached.id, "") in passed
+            and task.role is Role.EXCEPTION
+            and trouble_of(task).attached is attached
+        ):
             continue  # its own retry was refused
         calls = at.recovery.invocations.get(attached.id, 0) if at.recovery is not None else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
@@ -160,9 +205,13 @@ def _find(
 
 
 def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
-    """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
+    """All exception handlers from *task* up, nearest first; only those after *below*, where a
+    search goes on.
+    """
     above: Task | None = task if below is None else below.at
-    while above is not None:  # costs 0.1 ms where it is 1,000 tasks deep, and 10 at the greatest depth, 20,000
+    while (
+        above is not None
+    ):  # costs 0.1 ms where it is 1,000 tasks deep, and 10 at the greatest depth, 20,000
         at, above = above, above.parent
         own = at.recovery.attached if at.recovery is not None else ()
         if not (own or at.message.attached):
@@ -174,13 +223,15 @@ def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task
 
 
 def _rank(attached: AttachedHandler) -> tuple[bool, int]:
-    """The place of an exception handler among those of one task: its own come before its message's, newest first."""
+    """The place of an exception handler among those of one task: its own come before its message's,
+    newest first.
+    """
     return not isinstance(attached.place, Task), -attached.id
 
 
 def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
-    """End the top-level task; or kill the exception handler around a failure that was not raised by choice, or that a
-    retry leaves behind, and return it.
+    """End the top-level task; or kill the exception handler around a failure that was not raised by
+    choice, or that a retry leaves behind, and return it.
     """
     exceptions = task.recoveries()
     undecided = exceptions[0] if exceptions else None
@@ -200,18 +251,24 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
-    trouble.failure = _with_undecided(trouble.failure, undecided, f"could not decide: {reason[:LONGEST_REASON]}")
+    trouble.failure = _with_undecided(
+        trouble.failure, undecided, f"could not decide: {reason[:LONGEST_REASON]}"
+    )
     return undecided
 
 
 def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
-    """Whether a task above is to be handled again, and not for one of the exception handlers around a failing task."""
+    """Whether a task above is to be handled again, and not for one of the exception handlers around
+    a failing task.
+    """
     askers = above.recovery.askers if above.recovery is not None else {}
     return above.retrying and askers.keys().isdisjoint(exceptions)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
-    """A failure whose first line, which people read first, also says which exception handler left it as it was."""
+    """A failure whose first line, which people read first, also says which exception handler left
+    it as it was.
+    """
     line, newline, rest = first.text.partition(NEWLINE)
     line = shortened(line, Limit.TEXT // 2)
     told = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
@@ -227,12 +284,16 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         central.tree.set_failure(top, (failure.name, text, failure.body))
     kill(central, top, verdict)
-    for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
+    for exception in reversed(
+        exceptions
+    ):  # they survive what kills others, but not that they fail themselves
         kill(central, exception, verdict)
 
 
 def kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Kill a task and all under it. A running handler is told, and its task ends when it returns."""
+    """Kill a task and all under it. A running handler is told, and its task ends when it
+    returns.
+    """
     killed = central.agenda.kill(task, verdict)
     new = {one.id for one in killed}
     for one in killed:
@@ -243,7 +304,9 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
             one.suspended = False
             central.tree.suspended.pop(one.id, None)
             for child in list((one.children or {}).values()):
-                if child.suspended and child.id not in new:  # it survives, or was killed before and has what survives
+                if (
+                    child.suspended and child.id not in new
+                ):  # it survives, or was killed before and has what survives
                     suspend(central, child, resume=True)
         if central.claimed_for:
             claims.end_claims_of_killed(central, one)
@@ -260,7 +323,9 @@ def _void_decision(handler: Task) -> bool:
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Send the messages kept for termination, end the watch, and kill the listeners of a killed task."""
+    """Send the messages kept for termination, end the watch, and kill the listeners of a killed
+    task.
+    """
     if task.plans is not None and task.reached & START_HANDLING:
         for message, body in task.plans.farewells:
             make_task(central, message, body, task, Role.TERMINATION)
@@ -282,7 +347,7 @@ def pass_over(central: State, handler: Delivery) -> None:
     kill(central, handler, Verdict(why))
 
 
-# --- decisions of exception handlers ---------------------------------------------------------------------------------
+# --- decisions of exception handlers --------------------------------------------------------------
 
 
 def reissue(central: State, handler: Task) -> None:
@@ -294,8 +359,8 @@ def reissue(central: State, handler: Task) -> None:
 
 
 def on_resolve(central: State, connection: Connection, header: headers.Resolve, _: bytes) -> None:
-    """An exception handler says that it has dealt with its failure, which counts when its task has ended. A retry or
-    kill that came first stands: then this changes nothing.
+    """An exception handler says that it has dealt with its failure, which counts when its task has
+    ended. A retry or kill that came first stands: then this changes nothing.
     """
     handler = central.dispatcher.running.get(central.origin)
     if handler is None:
@@ -345,7 +410,9 @@ def _leave_open(central: State, failing: Task, handler: Task) -> None:
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
-    """The exception handler that asks for a retry, if one does. Raises RequestError if it may not retry this task."""
+    """The exception handler that asks for a retry, if one does. Raises RequestError if it may not
+    retry this task.
+    """
     asking = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, FailureContext):
         return None
@@ -357,8 +424,13 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 
 def _check_attempts(task: Task, asking: Task) -> None:
-    """Raises RequestError if the task has been handled so often that only a handler with a maximum may retry it."""
-    attempts, trouble = task.recovery.attempts if task.recovery is not None else 1, trouble_of(asking)
+    """Raises RequestError if the task has been handled so often that only a handler with a maximum
+    may retry it.
+    """
+    attempts, trouble = (
+        task.recovery.attempts if task.recovery is not None else 1,
+        trouble_of(asking),
+    )
     if not trouble.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} has been handled {attempts} times: attach its exception handler with maximum= for more"
         trouble.passed[trouble.attached.id, ""] = None  # of its own failure it is not asked
@@ -366,11 +438,21 @@ def _check_attempts(task: Task, asking: Task) -> None:
 
 
 def check_order(central: State, task: Task, asking: Task | None) -> None:
-    """Raises RequestError if the retry would wait for something that outlives it and waits for the task."""
-    guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]  # may watch until it returns
+    """Raises RequestError if the retry would wait for something that outlives it and waits for the
+    task.
+    """
+    guests = [
+        monitor for monitor in (task.watchers or {}).values() if monitor.is_guest
+    ]  # may watch until it returns
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
-    starts += [place for guest in guests for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)]
-    awaited = {child for child in (task.children or {}).values() if child.role.survives and not child.is_guest}
+    starts += [
+        place for guest in guests for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)
+    ]
+    awaited = {
+        child
+        for child in (task.children or {}).values()
+        if child.role.survives and not child.is_guest
+    }
     if asking is not None:
         awaited.add(asking)
     for one in sorted(awaited, key=lambda one: one.id):
@@ -387,7 +469,9 @@ def _next_ends(task: Task, *moments: int) -> list[Place]:
 
 
 def _forget_failures(task: Task) -> None:
-    """The failures of a task that came before a retry are forgotten: the exception handlers for them decide nothing."""
+    """The failures of a task that came before a retry are forgotten: the exception handlers for
+    them decide nothing.
+    """
     for child in (task.children or {}).values():
         if child.role is Role.EXCEPTION:
             trouble_of(child).decision = Decision.VOID
@@ -401,7 +485,9 @@ def _clear(central: State, task: Task, verdict: Verdict) -> None:
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
-    """A task is to be handled again once all under it, and the exception handler that asks, has ended."""
+    """A task is to be handled again once all under it, and the exception handler that asks, has
+    ended.
+    """
     task = central.living(connection, header.number, header.task, "it can't be retried")
     if task is None:
         return
@@ -420,8 +506,12 @@ def _unless_void(trouble: FailureContext, decision: Decision) -> None:
         trouble.decision = decision
 
 
-def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None) -> None:
-    """Let a task be handled again for *by*, with new data (None: with those it has); ``check_order`` has passed."""
+def retry_task(
+    central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None
+) -> None:
+    """Let a task be handled again for *by*, with new data (None: with those it has);
+    ``check_order`` has passed.
+    """
     has_begun = bool(task.reached & START_HANDLING)
     if has_begun and task.watch is not None:
         stop_watching(central, task.watch, "it is retried")

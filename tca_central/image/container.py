@@ -1,10 +1,11 @@
-"""The container of an image: a line that says what it is, the length and check sum of the rest, and tables of columns.
+"""The container of an image: a line that says what it is, the length and check sum of the rest, and
+tables of columns.
 
     tca image 2 of 0.1.0
     length u64, CRC-32 u32, then a MessagePack list of tables, one a class
 
-Things are numbered in the order in which they stand: plain values that stand among others, then all objects, then all
-values, each after those that it holds. A column of references holds such numbers.
+Things are numbered in the order in which they stand: plain values that stand among others, then all
+objects, then all values, each after those that it holds. A column of references holds such numbers.
 """
 
 import struct
@@ -58,7 +59,9 @@ def unseal(data: bytes) -> list[ClassTable]:
     """The tables of an image. Raises ImageError if it is damaged, or of another format."""
     title, *_ = data[:200].partition(b"\n")
     if not title.startswith(_WORDS):
-        raise ImageError("this is no image of central's state: its first words are not those of one")
+        raise ImageError(
+            "this is no image of central's state: its first words are not those of one"
+        )
     told = title[len(_WORDS) :].decode("ascii", "replace")
     if told.partition(" ")[0] != str(FORMAT):
         raise ImageError(
@@ -73,7 +76,9 @@ def unseal(data: bytes) -> list[ClassTable]:
     if len(content) != length or zlib.crc32(content) != check:
         what = "cut off" if len(content) < length else "damaged"
         raise ImageError(f"the image is {what}: go on with an older one, or without")
-    tables: list[ClassTable] = msgspec.msgpack.decode(content, type=list[ClassTable], ext_hook=_read_long)
+    tables: list[ClassTable] = msgspec.msgpack.decode(
+        content, type=list[ClassTable], ext_hook=_read_long
+    )
     return tables
 
 
@@ -86,7 +91,9 @@ def plain_column(values: list[Any], of: int) -> Column:
         has_long = int in kinds and any(type(one) is int and _is_long(one) for one in values)
     if has_long:
         values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
-    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)  # 0.0 is not -0.0
+    is_common = (
+        len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
+    )  # 0.0 is not -0.0
     return Column(values[:1] if is_common else values, is_common=is_common)
 
 
@@ -106,7 +113,9 @@ def _is_long(number: int) -> bool:
 
 def _long(number: int) -> msgspec.msgpack.Ext:
     """An integer as MessagePack can hold it."""
-    return msgspec.msgpack.Ext(_LONG, number.to_bytes(number.bit_length() // 8 + 1, "big", signed=True))
+    return msgspec.msgpack.Ext(
+        _LONG, number.to_bytes(number.bit_length() // 8 + 1, "big", signed=True)
+    )
 
 
 def _read_long(code: int, data: memoryview) -> int:

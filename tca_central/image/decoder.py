@@ -13,7 +13,9 @@ _CENTRAL = f"{Central.__module__}.{Central.__name__}"
 
 
 def decode(data: bytes) -> Central:
-    """The central that an image shows. Raises ImageError, with what to do, if it is damaged, or not of this version."""
+    """The central that an image shows. Raises ImageError, with what to do, if it is damaged, or not
+    of this version.
+    """
     is_on = gc.isenabled()
     gc.disable()  # it would look through all again and again, and find nothing
     try:
@@ -21,7 +23,9 @@ def decode(data: bytes) -> Central:
     except ImageError:
         raise
     except Exception as error:  # noqa: BLE001 - bytes that no central wrote may bring about any
-        raise ImageError(f"the image was not written by a central: {type(error).__name__}: {error}") from None
+        raise ImageError(
+            f"the image was not written by a central: {type(error).__name__}: {error}"
+        ) from None
     finally:
         if is_on:
             gc.enable()
@@ -41,7 +45,9 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
             made = [shape.empty() for _ in range(table.count)]
             objects.append((shape, table, made))
         else:
-            made = shape.make(table.count, [_values(column, table.count, things) for column in table.columns])
+            made = shape.make(
+                table.count, [_values(column, table.count, things) for column in table.columns]
+            )
         if len(made) != table.count:
             raise ValueError(f"{table.name}: {table.count} were told, and there are {len(made)}")
         things += made
@@ -53,10 +59,14 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
 
 
 def _shape_of(table: ClassTable) -> Shape:
-    """The shape of a class. Raises ImageError if it is gone, or has other attributes than when the image was made."""
+    """The shape of a class. Raises ImageError if it is gone, or has other attributes than when the
+    image was made.
+    """
     shape, name = shape_named(table.name), table.name.rpartition(".")[2]
     if shape is None:
-        raise ImageError(f"the image has objects of class {name}, which this version does not know: {_ADVICE}")
+        raise ImageError(
+            f"the image has objects of class {name}, which this version does not know: {_ADVICE}"
+        )
     if tuple(table.fields) == shape.fields:
         return shape
     gone, new = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)

@@ -1,9 +1,9 @@
 """Central's state to bytes.
 
-Theory of operation. From central on all objects are met in rounds, group by group: what has been met is taken apart
-into columns, and what stands in them is met next. So nothing recurses, however deep the tree is, and the order follows
-from the state alone. Then each column is written as it is, if it has plain values only, or as the numbers of what it
-holds.
+Theory of operation. From central on all objects are met in rounds, group by group: what has been
+met is taken apart into columns, and what stands in them is met next. So nothing recurses, however
+deep the tree is, and the order follows from the state alone. Then each column is written as it is,
+if it has plain values only, or as the numbers of what it holds.
 """
 
 from collections.abc import Iterator
@@ -25,14 +25,20 @@ _TO_NUMBER = frozenset((int, float, str, bytes))
 
 
 def may_be_taken(central: Central) -> bool:
-    """Whether an image can hold the state now: not while a look for deadlocks goes on, which comes to its end."""
+    """Whether an image can hold the state now: not while a look for deadlocks goes on, which comes
+    to its end.
+    """
     return central.scan is None
 
 
 def encode(central: Central) -> bytes:
-    """An image of the whole state, which is not changed. Raises ImageError if an image can't hold it."""
+    """An image of the whole state, which is not changed. Raises ImageError if an image can't hold
+    it.
+    """
     if not may_be_taken(central):
-        raise ImageError("a look for deadlocks is under way, which no image can hold: try again after another event")
+        raise ImageError(
+            "a look for deadlocks is under way, which no image can hold: try again after another event"
+        )
     encoding = _Encoding()
     encoding.meet([central])
     encoding.go_on()
@@ -40,7 +46,9 @@ def encode(central: Central) -> bytes:
 
 
 class _Gathered:
-    """One attribute of all objects of a group, or what containers hold; and the classes of all that."""
+    """One attribute of all objects of a group, or what containers hold; and the classes of all
+    that.
+    """
 
     __slots__ = ("kinds", "values")
 
@@ -55,7 +63,11 @@ class _Gathered:
             return True
         if self.kinds.isdisjoint((str, bytes)):
             return False
-        sized = self.values if self.kinds <= {str, bytes} else [one for one in self.values if type(one) in (str, bytes)]
+        sized = (
+            self.values
+            if self.kinds <= {str, bytes}
+            else [one for one in self.values if type(one) in (str, bytes)]
+        )
         return max(map(len, sized)) > LONG
 
 
@@ -71,13 +83,17 @@ class _Group:
 
 
 class _Encoding:
-    """The objects of a state. They, and what was read of them, live as long as this: so id() tells them apart."""
+    """The objects of a state. They, and what was read of them, live as long as this: so id() tells
+    them apart.
+    """
 
     def __init__(self) -> None:
         self._groups: dict[object, _Group] = {}
         self._group_of: dict[int, _Group] = {}  #: by id() of an object
         self._plain: list[Any] = [None, False, True]  #: plain values that stand among objects
-        self._numbers = {id(value): number for number, value in enumerate(self._plain)}  #: of all that is referred to
+        self._numbers = {
+            id(value): number for number, value in enumerate(self._plain)
+        }  #: of all that is referred to
 
     def meet(self, values: list[Any]) -> None:
         """Note which objects are among these."""
@@ -91,13 +107,17 @@ class _Encoding:
         shape = shape_of(one)
         if shape is None:
             kind = type(one).__qualname__
-            raise ImageError(f"{self._way_to(one)} is a {kind}, which is no class of the state: see model/stored.py")
+            raise ImageError(
+                f"{self._way_to(one)} is a {kind}, which is no class of the state: see model/stored.py"
+            )
         self._groups[group_key(one)] = group = _Group(shape, len(self._groups))
         return group
 
     def go_on(self) -> None:
         """Take apart what was met, until nothing new comes."""
-        while waiting := [group for group in self._groups.values() if group.taken_apart < len(group.things)]:
+        while waiting := [
+            group for group in self._groups.values() if group.taken_apart < len(group.things)
+        ]:
             for group in waiting:
                 things = group.things[group.taken_apart :]
                 group.taken_apart += len(things)
@@ -107,14 +127,18 @@ class _Encoding:
                     if not kinds <= PLAIN:
                         self.meet(values)
 
-    # --- tables ------------------------------------------------------------------------------------------------------
+    # --- tables -----------------------------------------------------------------------------------
 
     def tables(self) -> Iterator[ClassTable]:
         """All that was met: plain values that stand among objects, then objects, then values."""
-        mixed = [column for group in self._groups.values() for column in group.columns if column.is_mixed]
+        mixed = [
+            column for group in self._groups.values() for column in group.columns if column.is_mixed
+        ]
         self._number_plain(mixed)
         yield ClassTable("plain", ["value"], len(self._plain), [plain_column(self._plain, 0)])
-        ordered = [group for group in self._groups.values() if not group.is_value] + self._values_in_order()
+        ordered = [
+            group for group in self._groups.values() if not group.is_value
+        ] + self._values_in_order()
         things = chain.from_iterable(group.things for group in ordered)
         self._numbers.update(zip(map(id, things), count(len(self._plain)), strict=False))
         is_mixed = set(mixed)
@@ -155,12 +179,16 @@ class _Encoding:
             return list(sorter.static_order())
         except CycleError as error:
             names = " in a ".join(group.shape.name for group in error.args[1])
-            raise ImageError(f"no image can hold a {names}: make one of them a NamedTuple") from None
+            raise ImageError(
+                f"no image can hold a {names}: make one of them a NamedTuple"
+            ) from None
 
-    # --- errors ----------------------------------------------------------------------------------------------------
+    # --- errors -----------------------------------------------------------------------------------
 
     def _way_to(self, one: object) -> str:
-        """The attribute by which a thing was met, and the containers between: "Connection.outstanding value"."""
+        """The attribute by which a thing was met, and the containers between:
+        "Connection.outstanding value".
+        """
         way: list[str] = []
         while len(way) < 9 and (holder := self._holder(one)) is not None:
             group, place, field = holder
@@ -174,7 +202,9 @@ class _Encoding:
     def _holder(self, one: object) -> tuple[_Group, int, str] | None:
         for group in self._groups.values():
             for column, field in zip(group.columns, group.shape.fields, strict=True):
-                place = next((place for place, value in enumerate(column.values) if value is one), None)
+                place = next(
+                    (place for place, value in enumerate(column.values) if value is one), None
+                )
                 if place is not None:
                     return group, place, field
         return None

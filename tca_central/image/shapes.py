@@ -1,12 +1,13 @@
 """Shapes: how all objects of a class are taken apart into columns, and made of columns again.
 
-A column holds one attribute of all objects of a class, so that next to all work is done by functions written in C. An
-object that may change is made empty, and filled when all others are there: so circles, and what several share, come
-back. A value, which never changes, is made complete, after the values that it holds.
+A column holds one attribute of all objects of a class, so that next to all work is done by
+functions written in C. An object that may change is made empty, and filled when all others are
+there: so circles, and what several share, come back. A value, which never changes, is made
+complete, after the values that it holds.
 
-The attributes of a class are those of its ``__slots__``, the fields of a value those that it declares. An image names
-classes of this program. Only classes of the state are found by such a name, among those that are there already: nothing
-is imported, and nothing in the bytes is run.
+The attributes of a class are those of its ``__slots__``, the fields of a value those that it
+declares. An image names classes of this program. Only classes of the state are found by such a
+name, among those that are there already: nothing is imported, and nothing in the bytes is run.
 """
 
 import sys
@@ -28,7 +29,8 @@ Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
 NOT_STORED = {"__dict__", "_output_queues", "_outputs", "is_task"}
-"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists these, too.
+"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists
+these, too.
 
 It gives generic classes an empty ``__dict__``.
 """
@@ -38,7 +40,9 @@ LONGEST_RECORD = 8
 
 _OURS = ("tca_central.", "tca_wire.")
 _ITEMS = "length", "item"
-"""The columns of containers: the first has a row for each, the others for each item of one after the other."""
+"""The columns of containers: the first has a row for each, the others for each item of one after
+the other.
+"""
 
 
 class ObjectShape(NamedTuple):
@@ -64,7 +68,7 @@ class ValueShape(NamedTuple):
 Shape = ObjectShape | ValueShape
 
 
-# --- finding shapes --------------------------------------------------------------------------------------------------
+# --- finding shapes -------------------------------------------------------------------------------
 
 
 def shape_of(thing: Any) -> Shape | None:
@@ -74,7 +78,11 @@ def shape_of(thing: Any) -> Shape | None:
         return _tuples(len(thing))
     if kind is deque and thing.maxlen is not None:
         return None
-    return _CONTAINERS.get(kind.__name__) if kind.__module__ in ("builtins", "collections") else _shape_of_class(kind)
+    return (
+        _CONTAINERS.get(kind.__name__)
+        if kind.__module__ in ("builtins", "collections")
+        else _shape_of_class(kind)
+    )
 
 
 def shape_named(name: str) -> Shape | None:
@@ -84,11 +92,15 @@ def shape_named(name: str) -> Shape | None:
     module, _, word = name.rpartition(".")
     kind = getattr(sys.modules.get(module), word, None) if module.startswith(_OURS) else None
     shape = _shape_of_class(kind) if isinstance(kind, type) else None
-    return shape if shape is not None and shape.name == name else None  # a module has the classes that it imports, too
+    return (
+        shape if shape is not None and shape.name == name else None
+    )  # a module has the classes that it imports, too
 
 
 def group_key(thing: Any) -> object:
-    """The key of those that are written together. Containers go by what they hold: so most columns hold one class."""
+    """The key of those that are written together. Containers go by what they hold: so most columns
+    hold one class.
+    """
     kind = type(thing)
     if kind is tuple:
         return tuple(map(type, thing)) if len(thing) <= LONGEST_RECORD else tuple
@@ -114,7 +126,7 @@ def _shape_of_class(kind: Any) -> Shape | None:
     return _frozen(name, kind, kind._fields) if issubclass(kind, tuple) else None
 
 
-# --- objects ---------------------------------------------------------------------------------------------------------
+# --- objects --------------------------------------------------------------------------------------
 
 
 def attributes_of(kind: type) -> tuple[str, ...]:
@@ -128,12 +140,16 @@ def attributes_of(kind: type) -> tuple[str, ...]:
 def _record(name: str, kind: type) -> ObjectShape:
     """The shape of a class of central."""
     if kind.__dictoffset__ and not hasattr(kind, "__mypyc_attrs__"):
-        raise ImageError(f"{kind.__name__} has attributes beside those of its __slots__: an image would lose them")
+        raise ImageError(
+            f"{kind.__name__} has attributes beside those of its __slots__: an image would lose them"
+        )
     fields = attributes_of(kind)
 
     def fill(things: list[Any], columns: Columns) -> None:
         for field, values in zip(fields, columns, strict=True):
-            settings = starmap(setattr, zip(things, repeat(field, len(things)), values, strict=True))
+            settings = starmap(
+                setattr, zip(things, repeat(field, len(things)), values, strict=True)
+            )
             deque(settings, maxlen=0)  # does it all
 
     empty = partial(kind.__new__, kind) if issubclass(kind, Stored) else kind
@@ -164,14 +180,18 @@ def _mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
     return ObjectShape(kind.__name__, ("length", "key", "value"), read, kind, fill)
 
 
-# --- values ----------------------------------------------------------------------------------------------------------
+# --- values ---------------------------------------------------------------------------------------
 
 
 def _frozen(name: str, kind: type, fields: tuple[str, ...]) -> ValueShape:
     """The shape of a class of values with fields."""
 
     def make(count: int, columns: Columns) -> list[Any]:
-        return list(starmap(kind, zip(*columns, strict=True))) if columns else [kind() for _ in range(count)]
+        return (
+            list(starmap(kind, zip(*columns, strict=True)))
+            if columns
+            else [kind() for _ in range(count)]
+        )
 
     return ValueShape(name, fields, partial(_attributes, fields), make)
 
@@ -196,7 +216,7 @@ def _long_tuples(_: int, columns: Columns) -> list[Any]:
     return [tuple(islice(left, length)) for length in lengths]
 
 
-# --- columns ---------------------------------------------------------------------------------------------------------
+# --- columns --------------------------------------------------------------------------------------
 
 
 def _attributes(fields: tuple[str, ...], things: list[Any]) -> Columns:
@@ -211,7 +231,9 @@ def _items(things: list[Any]) -> Columns:
     return [list(map(len, things)), list(chain.from_iterable(things))]
 
 
-def _pieces(things: list[Any], lengths: list[int], items: list[Any]) -> Iterator[tuple[Any, list[Any]]]:
+def _pieces(
+    things: list[Any], lengths: list[int], items: list[Any]
+) -> Iterator[tuple[Any, list[Any]]]:
     """Each container that is not empty, with its items."""
     if sum(lengths) != len(items):
         raise ValueError("containers hold more, or less, than there is")

@@ -1,4 +1,6 @@
-"""What becomes of a task that has to wait because its handler is busy, where the handler says so."""
+"""What becomes of a task that has to wait because its handler is busy, where the handler says
+so.
+"""
 
 from tca_central.failing.failures import fail_task, kill
 from tca_central.life_cycles.changes import asked_for
@@ -13,7 +15,12 @@ from tca_wire.vocabulary import Busy
 def on_crowded(central: State, task: Task) -> None:
     """A task has to wait for a handler that may have wishes about that."""
     handlers = task.message.handlers
-    if not task.queues or not handlers or handlers[-1].busy is Busy.QUEUE or central.dispatcher.is_holding:
+    if (
+        not task.queues
+        or not handlers
+        or handlers[-1].busy is Busy.QUEUE
+        or central.dispatcher.is_holding
+    ):
         return
     if any(not resource.capacity for resource in task.queues):
         return  # nobody is there, so nobody is busy
@@ -25,7 +32,11 @@ def on_crowded(central: State, task: Task) -> None:
 
 
 def _named(resource: ModuleResource) -> str:
-    return resource.module if resource.module == resource.name else f"{resource.name} of {resource.module}"
+    return (
+        resource.module
+        if resource.module == resource.name
+        else f"{resource.name} of {resource.module}"
+    )
 
 
 def reject(central: State, task: Task, why: str) -> None:

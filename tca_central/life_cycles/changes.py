@@ -1,13 +1,17 @@
-"""Clients and servers take transitions of a task's life cycle. The server is dominant, and central decides.
+"""Clients and servers take transitions of a task's life cycle. The server is dominant, and central
+decides.
 
-Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state gets the next serial number, and who wants
-a change says which number it has seen last. A number that central has not given yet means that it has missed changes:
-an error. Where a client has not seen what the server did meanwhile, its change is applied after that if the table
-allows, and else ignored. Where the server has not seen what a client did, its change is applied as if it had come
-first, and then the client's after it, if the table allows; the handler was told of that already, and is not again.
+Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state gets the next serial
+number, and who wants a change says which number it has seen last. A number that central has not
+given yet means that it has missed changes:
+an error. Where a client has not seen what the server did meanwhile, its change is applied after
+that if the table allows, and else ignored. Where the server has not seen what a client did, its
+change is applied as if it had come first, and then the client's after it, if the table allows; the
+handler was told of that already, and is not again.
 
-What a client asks for is decided by the handler that takes such transitions, and else by these defaults: an update
-kills what is under the task and lets it be handled again with the new goal; a cancel kills the task.
+What a client asks for is decided by the handler that takes such transitions, and else by these
+defaults: an update kills what is under the task and lets it be handled again with the new goal; a
+cancel kills the task.
 """
 
 from msgspec.structs import replace
@@ -56,9 +60,13 @@ def restart(central: State, task: Task) -> None:
         central.tell_observers(task, "restarted", Party.CENTRAL)
 
 
-def on_change_state(central: State, connection: Connection, header: ChangeState, body: bytes) -> None:
+def on_change_state(
+    central: State, connection: Connection, header: ChangeState, body: bytes
+) -> None:
     """A client of a task, or its handler, wants its state changed."""
-    task = central.living(connection, header.number, header.task, f"it can't take '{header.transition}'")
+    task = central.living(
+        connection, header.number, header.task, f"it can't take '{header.transition}'"
+    )
     if task is None:
         return
     if header.serial > task.serial:
@@ -73,10 +81,12 @@ def on_change_state(central: State, connection: Connection, header: ChangeState,
         _change_by_client(central, connection, header, body, task)
 
 
-# --- the client's ----------------------------------------------------------------------------------------------------
+# --- the client's ---------------------------------------------------------------------------------
 
 
-def _change_by_client(central: State, connection: Connection, header: ChangeState, body: bytes, task: Task) -> None:
+def _change_by_client(
+    central: State, connection: Connection, header: ChangeState, body: bytes, task: Task
+) -> None:
     cycle, name = task.message.life_cycle, header.transition
     step = cycle.step(task.state, name, Party.CLIENT)
     if step is None:
@@ -90,17 +100,23 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
     if task.clients is not None and len(task.clients.asked) >= MOST_ASKED:
         central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
         if len(task.clients.asked) >= MOST_ASKED:
-            raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
+            raise RequestError(
+                Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already"
+            )
     asked_for(central, task, step, connection.module.name, header.text, body)
     central.accept(connection, header.number, task.serial)
 
 
-def asked_for(central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b"") -> None:
+def asked_for(
+    central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b""
+) -> None:
     """A client asks for something: the handler decides, or central for it."""
     handler = task.handler
     is_told = handler is not None and step.name in handler.takes
     if not (is_told or _is_awaited(task, task.state, step.name)):
-        raise RequestError(Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes=")
+        raise RequestError(
+            Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
+        )
     source = task.state
     _take(central, task, step, Party.CLIENT, module, text, body)
     asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
@@ -112,8 +128,12 @@ def asked_for(central: State, task: Task, step: Transition, module: str, text: s
 
 
 def decide_instead(central: State, task: Task) -> None:
-    """The handler of a task has returned without a word to what clients want: the defaults decide."""
-    asked = [one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)]
+    """The handler of a task has returned without a word to what clients want: the defaults
+    decide.
+    """
+    asked = [
+        one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)
+    ]
     if asked and not task.killed and central.tree.task(task.id) is task:
         cycle, newest = task.message.life_cycle, asked[-1]
         step = cycle.steps[newest.source, newest.name]
@@ -122,7 +142,9 @@ def decide_instead(central: State, task: Task) -> None:
 
 
 def _is_awaited(task: Task, source: str, name: str) -> bool:
-    """Whether the server, or central for it, has to say something to that transition of a client."""
+    """Whether the server, or central for it, has to say something to that transition of a
+    client.
+    """
     cycle = task.message.life_cycle
     target = cycle.steps[source, name].target
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
@@ -141,7 +163,9 @@ def tell_again(central: State, task: Task) -> None:
             _tell_handler(central, task, asked)
 
 
-def _decide(central: State, task: Task, step: Transition, asked: ClientRequest, origin: int) -> None:
+def _decide(
+    central: State, task: Task, step: Transition, asked: ClientRequest, origin: int
+) -> None:
     """The default, where no handler decides."""
     if why := _why_refused(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
@@ -156,11 +180,19 @@ def _decide(central: State, task: Task, step: Transition, asked: ClientRequest, 
 
 
 def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
-    """The reason why a request is refused in the name of the task's handler; "" if it is granted."""
+    """The reason why a request is refused in the name of the task's handler; "" if it is
+    granted.
+    """
     handlers = task.message.handlers
-    handler = task.handler or (handlers[-1] if handlers and source != task.message.initial else None)
+    handler = task.handler or (
+        handlers[-1] if handlers and source != task.message.initial else None
+    )
     cycle = task.message.life_cycle
-    if handler is not None and step.name in handler.refuses and cycle.refusal(task.state) is not None:
+    if (
+        handler is not None
+        and step.name in handler.refuses
+        and cycle.refusal(task.state) is not None
+    ):
         return f"the handler of '{task.message.name}' takes no '{step.name}'"
     if step.effect is Effect.NEW_GOAL:
         try:
@@ -181,10 +213,12 @@ def _take_goal(central: State, task: Task, goal: bytes) -> None:
         _take(central, task, grant, Party.CENTRAL, "", "it begins anew with the new goal")
 
 
-# --- the server's ----------------------------------------------------------------------------------------------------
+# --- the server's ---------------------------------------------------------------------------------
 
 
-def _change_by_server(central: State, connection: Connection, header: ChangeState, body: bytes, task: Task) -> None:
+def _change_by_server(
+    central: State, connection: Connection, header: ChangeState, body: bytes, task: Task
+) -> None:
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
     asked = task.clients.asked if task.clients is not None else []
@@ -201,7 +235,9 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
             return
         raise RequestError(Refusal.PROTOCOL, _not_now(task, name, Party.SERVER))
     if cycle.is_over(step.target) and step.effect is not Effect.STOP:
-        raise RequestError(Refusal.PROTOCOL, f"'{name}' ends {task}: its handler returns, or fails, instead")
+        raise RequestError(
+            Refusal.PROTOCOL, f"'{name}' ends {task}: its handler returns, or fails, instead"
+        )
     if body and step.effect not in (Effect.RESULT, Effect.TAKE_GOAL):
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     _apply(central, task, step, connection.module.name, header.text, body, seen)
@@ -219,17 +255,21 @@ def _answer(central: State, connection: Connection, header: ChangeState, serial:
 
 def _apply(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes, seen: int
-) -> None:  # fmt: skip
+) -> None:
     """The server's transition, and what it means for what clients have asked for."""
     if step.effect is Effect.RESULT:
-        central.tree.forget_asked(task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name))
+        central.tree.forget_asked(
+            task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name)
+        )
         central.tree.set_progress(task, body)
         _take(central, task, step, Party.SERVER, module, text, body)
         return
     asked = central.tree.forget_asked(task)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
-        if goal := body or (goals[-1] if goals else b""):  # the server may have made another one of it
+        if goal := body or (
+            goals[-1] if goals else b""
+        ):  # the server may have made another one of it
             _set_goal(central, task, goal)
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
@@ -239,7 +279,9 @@ def _apply(
 
 def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
     """A client's request that the server had not seen comes after what that did."""
-    step = None if task.killed else task.message.life_cycle.step(task.state, asked.name, Party.CLIENT)
+    step = (
+        None if task.killed else task.message.life_cycle.step(task.state, asked.name, Party.CLIENT)
+    )
     if step is None:
         central.facts.append(facts.Ignored(asked.module, _too_late(task, asked.name)))
     else:
@@ -259,15 +301,23 @@ def _set_goal(central: State, task: Task, goal: bytes) -> None:
     task.body = goal
 
 
-# --- both ------------------------------------------------------------------------------------------------------------
+# --- both -----------------------------------------------------------------------------------------
 
 
 def _take(
-    central: State, task: Task, step: Transition, by: Party, module: str, text: str, body: bytes = b""
-) -> None:  # fmt: skip
+    central: State,
+    task: Task,
+    step: Transition,
+    by: Party,
+    module: str,
+    text: str,
+    body: bytes = b"",
+) -> None:
     task.state = step.target
     task.serial += 1
-    central.facts.append(facts.StateChanged(task.id, step.name, task.state, task.serial, by, module, text, body))
+    central.facts.append(
+        facts.StateChanged(task.id, step.name, task.state, task.serial, by, module, text, body)
+    )
     central.tell_observers(task, step.name, by, module, text, body)
 
 
@@ -275,7 +325,11 @@ def _refuse(task: Task, name: str, by: Party) -> None:
     """Raise RequestError if the table has no such transition for them at all."""
     cycle = task.message.life_cycle
     if name not in cycle.names(by):
-        others = [party for party in (Party.CLIENT, Party.SERVER) if party is not by and name in cycle.names(party)]
+        others = [
+            party
+            for party in (Party.CLIENT, Party.SERVER)
+            if party is not by and name in cycle.names(party)
+        ]
         hint = f", it is the {others[0]}'s" if others else ""
         text = f"a {by} can't take '{name}' of {task}{hint}: {cycle} has {_listed(cycle.names(by))} for it"
         raise RequestError(Refusal.UNKNOWN, text)

@@ -1,4 +1,6 @@
-"""Observers are told of each change of a task's state; those who come late, first how things stand."""
+"""Observers are told of each change of a task's state; those who come late, first how things
+stand.
+"""
 
 from collections.abc import Iterable
 
@@ -25,15 +27,17 @@ MOST_LOOKED_AT = 100_000
 
 
 def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
-    """A module wants to be told of states. It is told how things stand; then an answer without a body says that what
-    comes now is news.
+    """A module wants to be told of states. It is told how things stand; then an answer without a
+    body says that what comes now is news.
     """
     observation = Observation(connection, header)
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
         _tell_end(central, connection, header)
         return
-    if header.below and central.tree.task(header.below) is None:  # nothing stands under it, and nothing will
+    if (
+        header.below and central.tree.task(header.below) is None
+    ):  # nothing stands under it, and nothing will
         central.tell(connection, Answer(header.number, more=True))
         central.send(connection, header.number, Answer(header.number))
         return
@@ -60,12 +64,18 @@ def _living(central: State, observation: Observation) -> list[Task]:
         return [tree.tasks[observation.task_id]]
     found: Iterable[Task] = tree.tasks.values()
     if observation.below:
-        found = (task for task in tree.subtree(tree.tasks[observation.below]) if task.id != observation.below)
+        found = (
+            task
+            for task in tree.subtree(tree.tasks[observation.below])
+            if task.id != observation.below
+        )
     if len(tree.tasks) <= MOST_LOOKED_AT:
         late = [task for task in found if observation.message in ("", task.message.name)]
         if len(late) <= MOST_LATE:
             return late
-    text = f"there are {len(tree.tasks)} tasks: observe a message, what is under a task, or one task"
+    text = (
+        f"there are {len(tree.tasks)} tasks: observe a message, what is under a task, or one task"
+    )
     raise RequestError(Refusal.OVERLOAD, text)
 
 
@@ -77,9 +87,19 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL
     change = StateChange(
-        header.task, name, -1, cycle.done if result.lets_go_on else cycle.cancelled, "", Party.SERVER,
-        text=_why(failure, text), goal=goal, data=body, is_late=True, is_over=True, outcome=result,
-    )  # fmt: skip
+        header.task,
+        name,
+        -1,
+        cycle.done if result.lets_go_on else cycle.cancelled,
+        "",
+        Party.SERVER,
+        text=_why(failure, text),
+        goal=goal,
+        data=body,
+        is_late=True,
+        is_over=True,
+        outcome=result,
+    )
     central.tell(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
     central.send(connection, header.number, Answer(header.number))
 
@@ -91,9 +111,16 @@ def _why(failure: str, text: str) -> str:
 def _as_it_stands(task: Task) -> StateChange:
     progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
-        TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body,
-        data=progress, is_late=True,
-    )  # fmt: skip
+        TaskId(int(task.id)),
+        task.message.name,
+        task.serial,
+        task.state,
+        "",
+        Party.CENTRAL,
+        goal=task.body,
+        data=progress,
+        is_late=True,
+    )
 
 
 def tell_end(central: State, task: Task) -> None:

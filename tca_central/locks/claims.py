@@ -1,15 +1,24 @@
-"""Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource, ReserveResource).
+"""Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource,
+ReserveResource).
 
-A claim waits in the resource's queue like a message, until nobody is in the resource; resources.py has the order. It
-ends when it is given up; when what it was made for has ended, fails, is killed or retried; with its connection; or when
-an operator, or a deadlock, takes it away. Once the handler that made it has returned it is *kept*: others then wait for
-the end of the task, which may need them.
+A claim waits in the resource's queue like a message, until nobody is in the resource; resources.py
+has the order. It ends when it is given up; when what it was made for has ended, fails, is killed or
+retried; with its connection; or when an operator, or a deadlock, takes it away. Once the handler
+that made it has returned it is *kept*: others then wait for the end of the task, which may need
+them.
 """
 
 from tca_central.errors import RequestError
 from tca_central.model.budget import CLAIM_BYTES
 from tca_central.model.clock import checked_seconds
-from tca_central.model.deliveries import Connection, Delivery, LostClaim, Module, ModuleClaim, ModuleResource
+from tca_central.model.deliveries import (
+    Connection,
+    Delivery,
+    LostClaim,
+    Module,
+    ModuleClaim,
+    ModuleResource,
+)
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import why_not_granted
 from tca_central.outgoing.direct_routes import review_copies
@@ -40,7 +49,9 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     if claim.holder is not None:
         central.claimed_for.setdefault(claim.holder, []).append(claim)
     sender, origin = connection.module.name, header.origin
-    central.facts.append(facts.Claimed(claim.id, resource.module, resource.name, header.reserve, sender, origin))
+    central.facts.append(
+        facts.Claimed(claim.id, resource.module, resource.name, header.reserve, sender, origin)
+    )
     if header.timeout >= 0:
         claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
     central.dispatcher.claim(claim)
@@ -50,9 +61,13 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of that module if one is named. Raises RequestError if it is not clear which."""
+    """The resource of that name, of that module if one is named. Raises RequestError if it is not
+    clear which.
+    """
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}  # the newest's
+    found = {
+        one.called: one.resources[name] for one in modules if module in ("", one.called)
+    }  # the newest's
     found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
         whose = f"module '{module}'" if module else "no module"
@@ -60,7 +75,9 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
         raise RequestError(Refusal.UNKNOWN, f"{whose} {has} resource '{name}': see 'tca modules'")
     if len(found) > 1:
         owners = ", ".join(f"'{resource.module}'" for resource in found.values())
-        raise RequestError(Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is")
+        raise RequestError(
+            Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is"
+        )
     return next(iter(found.values()))
 
 
@@ -77,11 +94,20 @@ def _checked_holder(central: State, connection: Connection, origin: int) -> Deli
 def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
     """Raises RequestError if whoever asks would wait for himself, or too many wait."""
     held_by = resource.held_by
-    if held_by is not None and held_by.holder is claim.holder and (claim.holder or held_by.slot is claim.slot):
+    if (
+        held_by is not None
+        and held_by.holder is claim.holder
+        and (claim.holder or held_by.slot is claim.slot)
+    ):
         kind = "reserved" if held_by.admits_owner else "locked"
-        raise RequestError(Refusal.PROTOCOL, f"resource '{resource.name}' is {kind} for this one already: release it")
+        raise RequestError(
+            Refusal.PROTOCOL,
+            f"resource '{resource.name}' is {kind} for this one already: release it",
+        )
     if len(resource.claims) >= MOST_CLAIMS:
-        raise RequestError(Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'")
+        raise RequestError(
+            Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'"
+        )
 
 
 def tell_granted(central: State, claim: ModuleClaim) -> None:
@@ -92,7 +118,7 @@ def tell_granted(central: State, claim: ModuleClaim) -> None:
         central.send(claim.slot, claim.number, Answer(claim.number))
 
 
-# --- ends ------------------------------------------------------------------------------------------------------------
+# --- ends -----------------------------------------------------------------------------------------
 
 
 def on_time_out(central: State, claim: ModuleClaim) -> None:
@@ -128,7 +154,9 @@ def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
 
 
 def end_claims_of_killed(central: State, task: Delivery) -> None:
-    """End a killed task's claims, but for those held by a running handler: what leaves things safe must get in."""
+    """End a killed task's claims, but for those held by a running handler: what leaves things safe
+    must get in.
+    """
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
             refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
@@ -137,7 +165,9 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
 
 
 def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
-    """Take a resource away, and tell the handler or client that counts on it, again when it reconnects."""
+    """Take a resource away, and tell the handler or client that counts on it, again when it
+    reconnects.
+    """
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
         _note_loss(claim.slot, claim, text)
@@ -155,15 +185,21 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
     """The claims that an ended handler lost without learning of it, in words ("": none)."""
     if not slot.lost_claims:
         return ""
-    numbers = [number for number, one in slot.lost_claims.items() if one.delivery == delivery.given_as]
+    numbers = [
+        number for number, one in slot.lost_claims.items() if one.delivery == delivery.given_as
+    ]
     lost = map(slot.lost_claims.pop, numbers)
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """A handler has returned without releasing its claims: they now last until its task ends or is handled again."""
+    """A handler has returned without releasing its claims: they now last until its task ends or is
+    handled again.
+    """
     if central.claimed_for:
-        central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
+        central.suspects.extend(
+            claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted
+        )
 
 
 def end_claims_of_connection(central: State, connection: Connection) -> None:
@@ -175,11 +211,17 @@ def end_claims_of_connection(central: State, connection: Connection) -> None:
 
 
 def end_claims_on_module(central: State, module: Module, why: str) -> None:
-    """A module is gone: nobody has or wants its resources any more, but for those that other copies of it have, too."""
+    """A module is gone: nobody has or wants its resources any more, but for those that other copies
+    of it have, too.
+    """
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
             central.dispatcher.to_offer.append((copy, None))
-    for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
+    for claim in [
+        one
+        for one in central.claims.values()
+        if module.resources.get(one.resource.name) is one.resource
+    ]:
         text = f"module '{module.name}' has gone: {why}"
         if claim.is_granted:
             revoke(central, claim, text, text)

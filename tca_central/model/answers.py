@@ -1,4 +1,6 @@
-"""Answers that are kept in case their requests are repeated after a reconnect: the newest, within bounds."""
+"""Answers that are kept in case their requests are repeated after a reconnect: the newest, within
+bounds.
+"""
 
 from collections import OrderedDict
 
@@ -12,7 +14,9 @@ REMEMBERED_ANSWERS = 64
 
 
 class KeptAnswers(Stored):
-    """The answers of all connections. What is forgotten is answered "too late" when it is asked for again."""
+    """The answers of all connections. What is forgotten is answered "too late" when it is asked for
+    again.
+    """
 
     __slots__ = ("_kept", "bytes", "forgotten", "most")
 

@@ -1,8 +1,10 @@
-"""The budget: the bytes that central may hold of what modules send, split into parts that do not take from each other.
+"""The budget: the bytes that central may hold of what modules send, split into parts that do not
+take from each other.
 
-Each part is counted where something comes and goes, so that to know what is left costs nothing. What a module asks for
-beyond a part is refused, and who sends informs loses them; answers, outcomes and records give way, the oldest first.
-Nothing is asked of requests that free something, or only tell: they get in whatever is full.
+Each part is counted where something comes and goes, so that to know what is left costs nothing.
+What a module asks for beyond a part is refused, and who sends informs loses them; answers, outcomes
+and records give way, the oldest first. Nothing is asked of requests that free something, or only
+tell: they get in whatever is full.
 """
 
 from tca_central.model.stored import Stored
@@ -13,7 +15,9 @@ MEMORY = 512 << 20
 LEAST_MEMORY = 16 << 20
 
 TAP_DEPTH, TASK_DEPTH = 8, 20_000
-"""Listeners of wiretaps in one chain of causes, and tasks above one another, unless an option says otherwise."""
+"""Listeners of wiretaps in one chain of causes, and tasks above one another, unless an option says
+otherwise.
+"""
 
 # About what an object costs beside the bytes that it holds.
 DELIVERY_BYTES = 500
@@ -33,8 +37,21 @@ ANSWER_BYTES = 300
 class Budget(Stored):
     """The limits, and counts that have no other place."""
 
-    __slots__ = ("answers", "awaited", "collected", "declared", "kept", "messages", "outcomes", "refused",
-                 "tap_depth", "task_depth", "total", "unread", "variables")  # fmt: skip
+    __slots__ = (
+        "answers",
+        "awaited",
+        "collected",
+        "declared",
+        "kept",
+        "messages",
+        "outcomes",
+        "refused",
+        "tap_depth",
+        "task_depth",
+        "total",
+        "unread",
+        "variables",
+    )
 
     def __init__(self, total: int = MEMORY) -> None:
         self.share(total)

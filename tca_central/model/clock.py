@@ -1,4 +1,6 @@
-"""The clock of the core: the time of the newest event, and timers. Deterministic: ties keep their order."""
+"""The clock of the core: the time of the newest event, and timers. Deterministic: ties keep their
+order.
+"""
 
 import heapq
 import math
@@ -81,5 +83,7 @@ class Clock(Stored):
 def checked_seconds(seconds: float, what: str) -> float:
     """*seconds* as they are. Raises RequestError if they are none that can be waited."""
     if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME):
-        raise RequestError(Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST_TIME:g} s are possible")
+        raise RequestError(
+            Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST_TIME:g} s are possible"
+        )
     return seconds

@@ -1,4 +1,6 @@
-"""The reasons for messages that central makes: the trouble of an exception handler, what a listener listens to."""
+"""The reasons for messages that central makes: the trouble of an exception handler, what a listener
+listens to.
+"""
 
 from enum import Enum
 from typing import NamedTuple
@@ -24,13 +26,17 @@ class Decision(Enum):
     NONE = "none"
     """When its task has ended, the search goes on above it."""
     DEALT_WITH = "dealt with"
-    """When its task has ended, its failure has been dealt with: it has said so, or wants a retry."""
+    """When its task has ended, its failure has been dealt with: it has said so, or wants a
+    retry.
+    """
     VOID = "void"
     """It decides nothing any more: it has reissued, or was killed, or the failure is forgotten."""
 
 
 class FailureContext(Stored):
-    """The trouble an exception handler's task deals with: a task's failure, caught there or above; and its decision."""
+    """The trouble an exception handler's task deals with: a task's failure, caught there or above;
+    and its decision.
+    """
 
     __slots__ = ("at", "attached", "decision", "failing", "failure", "passed", "retried")
 
@@ -43,7 +49,8 @@ class FailureContext(Stored):
         passed: dict[tuple[int, str], None],
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-        #: Attachments, by id, that could not decide about failures of these names; of this failure and all below it.
+        #: Attachments, by id, that could not decide about failures of these names; of this failure
+        #: and all below it.
         self.passed = passed
         self.decision = Decision.NONE
         self.retried: list[Task] = []  #: the tasks that it wants retried

@@ -1,4 +1,5 @@
-"""Messages on their way: modules and their connections, message types, their handlers, and what is attached to them.
+"""Messages on their way: modules and their connections, message types, their handlers, and what is
+attached to them.
 
 Knows nothing of tasks, time or sockets.
 """
@@ -16,7 +17,14 @@ from tca_central.model.stored import Stored
 from tca_wire.life_cycles import LifeCycle, read_life_cycle
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.headers import WaitUntilHandled
-from tca_wire.packets.parts import HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
+from tca_wire.packets.parts import (
+    HandlerFormat,
+    MessageFormat,
+    Tapped,
+    Trouble,
+    Watching,
+    WatchOptions,
+)
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
@@ -35,7 +43,9 @@ class ModuleResource(Resource["Connection", "Delivery"]):
 
     def __init__(self, module: str, name: str) -> None:
         super().__init__(module, name)
-        self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
+        self.limits: dict[
+            str, PendingLimit[Delivery]
+        ] = {}  #: by message name, of handlers that have one
         self.delivered = 0  #: number of messages that were given to it
         self.busy = 0.0  #: seconds in which they were handled, added up over its slots
         self.replaced = 0  #: number of slots that were lost because their handlers hung
@@ -51,22 +61,38 @@ class LostClaim(NamedTuple):
 
 
 class Blocking(NamedTuple):
-    """A wait: a connection, or the coroutine of a handler, does nothing until its request is answered."""
+    """A wait: a connection, or the coroutine of a handler, does nothing until its request is
+    answered.
+    """
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
     at: float  #: and its time
-    together: tuple[int, ...] = ()  #: of several: all of them; it goes on when one of them is answered
+    together: tuple[
+        int, ...
+    ] = ()  #: of several: all of them; it goes on when one of them is answered
     is_coroutine: bool = False
 
 
 class Line(Stored):
     """Who a connection is, and what was under way when its line broke."""
 
-    __slots__ = ("id", "late", "module", "number", "orphans", "principal", "pulse", "repeats_until", "rights",
-                 "session")  # fmt: skip
+    __slots__ = (
+        "id",
+        "late",
+        "module",
+        "number",
+        "orphans",
+        "principal",
+        "pulse",
+        "repeats_until",
+        "rights",
+        "session",
+    )
 
-    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+    def __init__(
+        self, connection_id: ConnectionId, session: str, module: "Module", number: int
+    ) -> None:
         self.id = connection_id
         self.principal = module.principal  #: who it belongs to
         self.rights: Rights | None = None  #: what it may do (None: everything)
@@ -74,28 +100,55 @@ class Line(Stored):
         self.number = number  #: which of its module's it is
         self.module = module
         self.pulse = b""  #: of its process, for the server
-        self.repeats_until = 0  #: answers of deliveries up to this one may come again: the connection had broken
+        self.repeats_until = (
+            0  #: answers of deliveries up to this one may come again: the connection had broken
+        )
         self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
-        self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
+        self.late: dict[
+            int, str
+        ] = {}  #: the newest of these whose answers may still come, and what to say then
 
 
 class Asker(Line):
     """What a connection has asked for: requests, their answers, and its waits."""
 
-    __slots__ = ("answer_bytes", "answers", "last_number", "lost_claims", "outstanding", "pauses", "tasks", "untold",
-                 "waits")  # fmt: skip
+    __slots__ = (
+        "answer_bytes",
+        "answers",
+        "last_number",
+        "lost_claims",
+        "outstanding",
+        "pauses",
+        "tasks",
+        "untold",
+        "waits",
+    )
 
-    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+    def __init__(
+        self, connection_id: ConnectionId, session: str, module: "Module", number: int
+    ) -> None:
         Line.__init__(self, connection_id, session, module, number)
         self.last_number = 0  #: the highest request number seen
-        self.outstanding: dict[int, Stored] = {}  #: requests whose answer is due -> the delivery or wait behind it
-        self.answers: deque[int] = deque()  #: requests whose answers are kept, oldest first: see model/answers.py
+        self.outstanding: dict[
+            int, Stored
+        ] = {}  #: requests whose answer is due -> the delivery or wait behind it
+        self.answers: deque[int] = (
+            deque()
+        )  #: requests whose answers are kept, oldest first: see model/answers.py
         self.answer_bytes = 0  #: that these hold
         self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
-        self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
-        self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
-        self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
-        self.lost_claims: dict[int, LostClaim] = {}  #: taken from it, and it does not know yet, by the Lock's number
+        self.untold: list[
+            tuple[int, TaskId]
+        ] = []  #: those of which it is to be told, with their requests
+        self.waits: dict[
+            int, Blocking
+        ] = {}  #: requests for whose answer it does nothing else, by number
+        self.pauses: dict[
+            int, Blocking
+        ] = {}  #: such waits that soon end by themselves: no deadlocks
+        self.lost_claims: dict[
+            int, LostClaim
+        ] = {}  #: taken from it, and it does not know yet, by the Lock's number
 
     def remember_task(self, number: int, task: TaskId) -> None:
         """Keep the task that a request has sent: others may name it so."""
@@ -108,19 +161,40 @@ class Asker(Line):
 class Slot(Asker):
     """What a connection handles: the thread of one resource."""
 
-    __slots__ = ("begins", "doubts", "handling", "hung_after", "known_until", "prefetch", "resource", "unbegun",
-                 "was_replaced")  # fmt: skip
+    __slots__ = (
+        "begins",
+        "doubts",
+        "handling",
+        "hung_after",
+        "known_until",
+        "prefetch",
+        "resource",
+        "unbegun",
+        "was_replaced",
+    )
 
-    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+    def __init__(
+        self, connection_id: ConnectionId, session: str, module: "Module", number: int
+    ) -> None:
         Asker.__init__(self, connection_id, session, module, number)
-        self.resource: ModuleResource | None = None  #: None: it is the module's own, and handles nothing
-        self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
+        self.resource: ModuleResource | None = (
+            None  #: None: it is the module's own, and handles nothing
+        )
+        self.handling: dict[
+            Delivery, int
+        ] = {}  #: its deliveries -> the event in which it got each; oldest first
         self.prefetch = 0  #: number of messages that it takes ahead, before it is free
-        self.unbegun: Delivery | None = None  #: it had this ahead, and had not begun it when that was given to it
+        self.unbegun: Delivery | None = (
+            None  #: it had this ahead, and had not begun it when that was given to it
+        )
         self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
         self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
-        self.hung_after = 0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
-        self.doubts: dict[int, Timer] = {}  #: by delivery, when that is so of those that are to return
+        self.hung_after = (
+            0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
+        )
+        self.doubts: dict[
+            int, Timer
+        ] = {}  #: by delivery, when that is so of those that are to return
         self.was_replaced = False  #: its handler hung, and another took its place
 
     @property
@@ -138,7 +212,9 @@ class Connection(Slot):
 
     __slots__ = ("entrance", "licence", "routes", "watchers", "watches")
 
-    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+    def __init__(
+        self, connection_id: ConnectionId, session: str, module: "Module", number: int
+    ) -> None:
         Slot.__init__(self, connection_id, session, module, number)
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.licence = 0  #: to send directly (0: it has none)
@@ -150,20 +226,36 @@ class Connection(Slot):
 class Module(Stored):
     """A connected program. It is there as long as one of its connections is."""
 
-    __slots__ = ("called", "connections", "handlers", "incarnation", "is_ready", "keeps", "name", "principal",
-                 "process", "resources")  # fmt: skip
+    __slots__ = (
+        "called",
+        "connections",
+        "handlers",
+        "incarnation",
+        "is_ready",
+        "keeps",
+        "name",
+        "principal",
+        "process",
+        "resources",
+    )
 
-    def __init__(self, name: str, called: str, incarnation: str, process: str, principal: str = "") -> None:
+    def __init__(
+        self, name: str, called: str, incarnation: str, process: str, principal: str = ""
+    ) -> None:
         self.name = name  #: unique among those connected
         self.called = called  #: its own name: several copies of a program share it
         self.incarnation = incarnation
         self.process = process
-        self.principal = principal  #: who runs it: a key's name, "uid:N", "" for the user who runs central
+        self.principal = (
+            principal  #: who runs it: a key's name, "uid:N", "" for the user who runs central
+        )
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
         self.is_ready = False  #: it has attached what it attaches at its start
-        self.keeps: dict[int, None] = {}  #: ids of the tasks, living or ended, that it wants remembered
+        self.keeps: dict[
+            int, None
+        ] = {}  #: ids of the tasks, living or ended, that it wants remembered
 
     @property
     def holder(self) -> "Holder":
@@ -179,18 +271,36 @@ class Module(Stored):
 class Handler(Stored):
     """A module's handler of a message, in one of its resources."""
 
-    __slots__ = ("accepts", "busy", "direct", "message", "module", "pending", "pool", "refuses", "resource", "takes")
+    __slots__ = (
+        "accepts",
+        "busy",
+        "direct",
+        "message",
+        "module",
+        "pending",
+        "pool",
+        "refuses",
+        "resource",
+        "takes",
+    )
 
     def __init__(
-        self, message: "MessageType", module: Module, resource: ModuleResource, declared: HandlerFormat
+        self,
+        message: "MessageType",
+        module: Module,
+        resource: ModuleResource,
+        declared: HandlerFormat,
     ) -> None:
         self.message = message
         self.module = module
         self.resource = resource
         self.pool = declared.pool  #: handlers of one pool share the messages
-        #: So many messages may wait for it (0: no limit of its own); of a variable only the newest value is wanted.
+        #: So many messages may wait for it (0: no limit of its own); of a variable only the newest
+        #: value is wanted.
         self.pending = 1 if message.message_class.keeps_value else declared.pending
-        self.direct = declared.direct  #: senders may do without central, where nothing speaks against it
+        self.direct = (
+            declared.direct
+        )  #: senders may do without central, where nothing speaks against it
         self.accepts = declared.accepts  #: says itself when it accepts a task
         self.takes = tuple(declared.takes)  #: the transitions of clients that it decides about
         self.refuses = tuple(declared.refuses)  #: those that are refused in its name
@@ -205,8 +315,20 @@ class Handler(Stored):
 class Declared(Stored):
     """What a message was declared as, and what follows from that."""
 
-    __slots__ = ("declarers", "fans_out", "first_declared_by", "format", "initial", "is_aside", "is_goal", "is_notice",
-                 "message_class", "name", "parts", "running")  # fmt: skip
+    __slots__ = (
+        "declarers",
+        "fans_out",
+        "first_declared_by",
+        "format",
+        "initial",
+        "is_aside",
+        "is_goal",
+        "is_notice",
+        "message_class",
+        "name",
+        "parts",
+        "running",
+    )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         self.redefine(declared, by)
@@ -239,8 +361,17 @@ class Declared(Stored):
 class Served(Declared):
     """A declared message with those who handle it, what waits for a handler, and counts of both."""
 
-    __slots__ = ("awaited_by", "candidates", "delivered", "dropped", "failed", "handlers", "serving", "waiting",
-                 "wishes")  # fmt: skip
+    __slots__ = (
+        "awaited_by",
+        "candidates",
+        "delivered",
+        "dropped",
+        "failed",
+        "handlers",
+        "serving",
+        "waiting",
+        "wishes",
+    )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Declared.__init__(self, declared, by)
@@ -249,7 +380,9 @@ class Served(Declared):
         """The resources that may handle it: of the newest handler and of those in its pool."""
         self.serving = 0  #: number of handlers that have a slot to be called in
         self.wishes = 0  #: number of handlers that have some (Handler.has_wishes)
-        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+        self.waiting: dict[
+            int, Delivery
+        ] = {}  #: deliveries that no handler is there for, oldest first
         self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
         self.delivered = 0  #: how often a handler got it
         self.failed = 0  #: how often one failed
@@ -274,13 +407,17 @@ class Served(Declared):
 
 
 class MessageType(Served):
-    """A declared message: its format and handlers, what is attached to it, and who may send it directly."""
+    """A declared message: its format and handlers, what is attached to it, and who may send it
+    directly.
+    """
 
     __slots__ = ("attached", "route", "senders_told", "taps")
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Served.__init__(self, declared, by)
-        self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
+        self.attached: list[
+            AttachedHandler
+        ] = []  #: exception handlers of each of its tasks, newest last
         self.taps: list[Wiretap] = []  #: oldest first
         self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
         self.senders_told: dict[Connection, None] = {}  #: senders that know the route
@@ -291,11 +428,17 @@ class PresenceWait(Stored):
 
     __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
 
-    def __init__(self, connection: Connection, header: WaitUntilHandled, messages: Iterable[MessageType]) -> None:
+    def __init__(
+        self, connection: Connection, header: WaitUntilHandled, messages: Iterable[MessageType]
+    ) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.promised = tuple(header.promised)  #: messages that will be handled when this wait is over
+        self.promised = tuple(
+            header.promised
+        )  #: messages that will be handled when this wait is over
         self.messages = tuple(messages)
-        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
+        self.missing = sum(
+            not message.serving for message in self.messages
+        )  #: number of those that nobody handles
         for message in self.messages:
             message.awaited_by[self] = None
 
@@ -341,7 +484,13 @@ class AttachedHandler(Stored):
     __slots__ = ("by", "failure", "handler", "holders", "id", "maximum", "place")
 
     def __init__(
-        self, number: int, failure: str, handler: MessageType, maximum: int, place: Attachable, by: str
+        self,
+        number: int,
+        failure: str,
+        handler: MessageType,
+        maximum: int,
+        place: Attachable,
+        by: str,
     ) -> None:
         self.id = number  #: newer ones have higher ids
         self.failure = failure  #: "" for any
@@ -349,15 +498,31 @@ class AttachedHandler(Stored):
         self.maximum = maximum  #: of its calls for one task; 0: any number
         self.place = place  #: that it is attached to
         self.by = by  #: the own name of the module that attached it
-        self.holders: dict[str, Holder] = {}  #: by name: the run that did, and those of its copies that had before
+        self.holders: dict[
+            str, Holder
+        ] = {}  #: by name: the run that did, and those of its copies that had before
 
 
 class Wiretap(Stored):
-    """A wiretap: the listener is sent *before* some moments, which it holds back, or *at* others."""
+    """A wiretap: the listener is sent *before* some moments, which it holds back, or *at*
+    others.
+    """
 
-    __slots__ = ("at", "before", "condition", "has_fired", "holders", "id", "listener", "place", "watch")
+    __slots__ = (
+        "at",
+        "before",
+        "condition",
+        "has_fired",
+        "holders",
+        "id",
+        "listener",
+        "place",
+        "watch",
+    )
 
-    def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Attachable) -> None:
+    def __init__(
+        self, tap_id: int, condition: Condition, listener: MessageType, place: Attachable
+    ) -> None:
         self.id = tap_id
         self.condition = condition
         self.listener = listener
@@ -366,11 +531,15 @@ class Wiretap(Stored):
         self.at = 0
         self.has_fired = False  #: of one task: has sent its listener
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
-        self.holders: dict[str, Holder] = {}  #: by name: the modules that added it and have not taken it away
+        self.holders: dict[
+            str, Holder
+        ] = {}  #: by name: the modules that added it and have not taken it away
 
     @property
     def is_heard(self) -> bool:
-        """Whether its listener is sent: somebody handles it, or it is a monitor, which watches by itself."""
+        """Whether its listener is sent: somebody handles it, or it is a monitor, which watches by
+        itself.
+        """
         return bool(self.listener.handlers) or self.listener.message_class.is_monitor
 
 
@@ -403,7 +572,9 @@ class Queued(Stored):
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again
         self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled; of a task, to be
         self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
-        self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
+        self.queues: tuple[ModuleResource, ...] | None = (
+            None  #: where it waits; (): for a handler, None: nowhere
+        )
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
 
@@ -413,13 +584,30 @@ class Delivery(Queued):
 
     is_task = False
 
-    __slots__ = ("body", "context", "given_as", "id", "message", "message_id", "number", "origin", "refused",
-                 "role", "sender", "sent_by", "tap_depth")  # fmt: skip
+    __slots__ = (
+        "body",
+        "context",
+        "given_as",
+        "id",
+        "message",
+        "message_id",
+        "number",
+        "origin",
+        "refused",
+        "role",
+        "sender",
+        "sent_by",
+        "tap_depth",
+    )
 
-    def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
+    def __init__(
+        self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None
+    ) -> None:
         Queued.__init__(self)
         self.id = delivery_id
-        self.given_as = delivery_id  #: the number under which a handler has it; another one each time
+        self.given_as = (
+            delivery_id  #: the number under which a handler has it; another one each time
+        )
         self.message_id = delivery_id
         self.message = message
         self.body = body
@@ -427,7 +615,9 @@ class Delivery(Queued):
         self.context: Context | None = None  #: the reason for it, if central made it
         self.sender = sender  #: the receiver of the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None
-        """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
+        """The module that sent it; if central made it, the sender of the message it was made for
+        (None: nobody).
+        """
         self.tap_depth = 0  #: number of wiretaps' listeners among its causes, it included
         self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
         self.number = 0  #: of the sender's request (0: no answer wanted)

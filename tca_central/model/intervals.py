@@ -1,4 +1,6 @@
-"""The moments of a task as places in the graph of constraints: some are reached together, and one stands for both."""
+"""The moments of a task as places in the graph of constraints: some are reached together, and one
+stands for both.
+"""
 
 from tca_central.errors import RequestError
 from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLANNING, Point
@@ -22,7 +24,9 @@ def delivered_at(is_goal: bool) -> int:
 
 
 def unified(is_goal: bool, moment: int) -> int:
-    """The one moment that stands for those reached together, so that a constraint on either holds both."""
+    """The one moment that stands for those reached together, so that a constraint on either holds
+    both.
+    """
     return delivered_at(is_goal) if moment == START_HANDLING else moment
 
 
@@ -31,13 +35,15 @@ PREVIOUS = {
     for is_goal in (True, False)
     for moment, before in RULES[is_goal].order
 }
-"""By whether a task is a goal, and a moment: the moments of the task that come directly before it; none where it has no
-row.
+"""By whether a task is a goal, and a moment: the moments of the task that come directly before it;
+none where it has no row.
 """
 
 NEXT = {
     (is_goal, moment): tuple(
-        after for (of_goal, after), befores in PREVIOUS.items() if of_goal is is_goal and moment in befores
+        after
+        for (of_goal, after), befores in PREVIOUS.items()
+        if of_goal is is_goal and moment in befores
     )
     for is_goal in (True, False)
     for moment in SINGLE_MOMENTS

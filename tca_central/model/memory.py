@@ -1,4 +1,6 @@
-"""What is known of tasks that have ended: outcomes, for a while, and the records that modules keep."""
+"""What is known of tasks that have ended: outcomes, for a while, and the records that modules
+keep.
+"""
 
 from tca_central.errors import RequestError
 from tca_central.model.stored import Stored
@@ -17,10 +19,14 @@ class Memory(Stored):
     __slots__ = ("forgotten", "kept", "kept_bytes", "outcome_bytes", "outcomes", "promises")
 
     def __init__(self) -> None:
-        self.outcomes: dict[int, TaskOutcome] = {}  #: of those that did not just end well, oldest first
+        self.outcomes: dict[
+            int, TaskOutcome
+        ] = {}  #: of those that did not just end well, oldest first
         self.outcome_bytes = 0  #: that these hold
         self.forgotten = 0  #: the highest id of a task whose outcome was known, and is no more
-        self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that modules keep, by id, oldest first
+        self.kept: dict[
+            int, KeptTask
+        ] = {}  #: records of ended tasks that modules keep, by id, oldest first
         self.kept_bytes = 0  #: that these hold
         self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
 
@@ -36,10 +42,14 @@ class Memory(Stored):
         """The outcome of an ended task. Raises RequestError if it is forgotten."""
         if (outcome := self.outcome_of(task_id)) is not None:
             return outcome
-        raise RequestError(Refusal.TOO_LATE, f"task {task_id} ended too long ago to know how: see the journal")
+        raise RequestError(
+            Refusal.TOO_LATE, f"task {task_id} ended too long ago to know how: see the journal"
+        )
 
     def remember(self, task_id: int, outcome: TaskOutcome, most_bytes: int) -> list[int]:
-        """Note an outcome of which there is more to tell than that the task is done; the tasks that give way."""
+        """Note an outcome of which there is more to tell than that the task is done; the tasks that
+        give way.
+        """
         self.outcomes[task_id] = outcome
         self.outcome_bytes += _size(outcome)
         gone = []

@@ -14,14 +14,28 @@ OTHERS = ""
 
 
 class Observation(Stored):
-    """A connection is told of the states of one task, of a message's tasks, of those under a task, or of all."""
+    """A connection is told of the states of one task, of a message's tasks, of those under a task,
+    or of all.
+    """
 
-    __slots__ = ("below", "connection", "is_awaited", "message", "number", "origin", "states", "task_id", "told")
+    __slots__ = (
+        "below",
+        "connection",
+        "is_awaited",
+        "message",
+        "number",
+        "origin",
+        "states",
+        "task_id",
+        "told",
+    )
 
     def __init__(self, connection: Connection, header: Observe) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.told = 0  #: answers
-        self.is_awaited = False  #: whoever observes does nothing, as far as is known, before the next one
+        self.is_awaited = (
+            False  #: whoever observes does nothing, as far as is known, before the next one
+        )
         self.task_id, self.message, self.below = header.task, header.message, header.below
         self.states = tuple(header.states)  #: only changes to one of these (none: to any)
 
@@ -34,16 +48,27 @@ class Observation(Stored):
     @property
     def wait(self) -> tuple[str, int, TaskId, int, WaitKind, str]:
         """The wait for its news, as facts have it."""
-        return self.connection.module.name, self.origin, self.task_id, 0, WaitKind.CHANGE, self.subject
+        return (
+            self.connection.module.name,
+            self.origin,
+            self.task_id,
+            0,
+            WaitKind.CHANGE,
+            self.subject,
+        )
 
     def wants(self, task: Task) -> bool:
         """Whether it is about that task, where it names none."""
-        is_below = not self.below or (task.parent is not None and task.parent.above(self.below) is not None)
+        is_below = not self.below or (
+            task.parent is not None and task.parent.above(self.below) is not None
+        )
         return is_below and self.message in ("", task.message.name)
 
 
 class Observers(Stored):
-    """All observations, by what they are about: a task, by its id, a message, by its name, or others."""
+    """All observations, by what they are about: a task, by its id, a message, by its name, or
+    others.
+    """
 
     __slots__ = ("count", "groups")
 

@@ -1,5 +1,5 @@
-"""The registry of connections, modules and declared messages, and the values of variables. Knows nothing of tasks, time
-or sockets.
+"""The registry of connections, modules and declared messages, and the values of variables. Knows
+nothing of tasks, time or sockets.
 """
 
 from typing import NamedTuple
@@ -27,22 +27,39 @@ MESSAGES = 10_000
 class Registry(Stored):
     """All connections, modules and messages."""
 
-    __slots__ = ("_names", "bytes", "connections", "dropped", "look_after", "lost", "messages", "modules",
-                 "permissions")  # fmt: skip
+    __slots__ = (
+        "_names",
+        "bytes",
+        "connections",
+        "dropped",
+        "look_after",
+        "lost",
+        "messages",
+        "modules",
+        "permissions",
+    )
 
     def __init__(self) -> None:
         self.connections: dict[ConnectionId, Connection] = {}
         self.modules: dict[str, Module] = {}  #: by incarnation
         self.messages: dict[str, MessageType] = {}
-        self.lost: dict[str, Connection] = {}  #: lately lost, by session: they may come back and repeat requests
+        self.lost: dict[
+            str, Connection
+        ] = {}  #: lately lost, by session: they may come back and repeat requests
         self.permissions = Permissions()
         self.bytes = 0  #: that declared messages and resources hold
         self.dropped = 0  #: number of messages dropped of those that are forgotten
-        self.look_after = 0  #: the event from which on messages are looked for that can be forgotten
+        self.look_after = (
+            0  #: the event from which on messages are looked for that can be forgotten
+        )
         self._names: dict[str, None] = {}  #: of modules
 
-    def module(self, name: str, incarnation: str, process: str, principal: str) -> tuple[Module, bool]:
-        """The module of that incarnation, and whether it is new. A name in use gets a number: "legs#2"."""
+    def module(
+        self, name: str, incarnation: str, process: str, principal: str
+    ) -> tuple[Module, bool]:
+        """The module of that incarnation, and whether it is new. A name in use gets a number:
+        "legs#2".
+        """
         if known := self.modules.get(incarnation):
             return known, False
         unique, number = name, 2
@@ -53,12 +70,22 @@ class Registry(Stored):
         return self.modules[incarnation], True
 
     def resource(self, module: Module, name: str) -> ModuleResource:
-        """A module's resource, made when first named. A lock of it in one copy of a program holds in all."""
+        """A module's resource, made when first named. A lock of it in one copy of a program holds
+        in all.
+        """
         if name not in module.resources:
             module.resources[name] = made = ModuleResource(module.name, name)
             self.bytes += RESOURCE_BYTES
-            copies = (one for one in self.modules.values() if one.called == module.called and one is not module)
-            if (other := next((one.resources[name] for one in copies if name in one.resources), None)) is not None:
+            copies = (
+                one
+                for one in self.modules.values()
+                if one.called == module.called and one is not module
+            )
+            if (
+                other := next(
+                    (one.resources[name] for one in copies if name in one.resources), None
+                )
+            ) is not None:
                 made.join_copies(other)
         return module.resources[name]
 
@@ -67,7 +94,9 @@ class Registry(Stored):
         return {module.called for module in self.modules.values() if module.is_ready}
 
     def forget_connection(self, connection: Connection) -> Connection | None:
-        """Remove a connection; its requests and answers are kept for a while; of the one returned no longer."""
+        """Remove a connection; its requests and answers are kept for a while; of the one returned
+        no longer.
+        """
         del self.connections[connection.id]
         del connection.module.connections[connection.session]
         self.lost[connection.session] = connection
@@ -82,7 +111,9 @@ class Registry(Stored):
         self.dropped += message.dropped
 
     def forget_module(self, module: Module) -> None:
-        """Forget a module. The messages that it declared stay, for tasks may still wait for them."""
+        """Forget a module. The messages that it declared stay, for tasks may still wait for
+        them.
+        """
         del self.modules[module.incarnation]
         self.bytes -= RESOURCE_BYTES * len(module.resources)
         self._names.pop(module.name, None)
@@ -91,7 +122,9 @@ class Registry(Stored):
         self.look_after = 0  # what it declared may be forgotten, however few events there have been
 
     def check(self, declared: MessageFormat, module: Module) -> None:
-        """Raises RequestError if others know a message of that name with another format or class."""
+        """Raises RequestError if others know a message of that name with another format or
+        class.
+        """
         known = self.messages.get(declared.name)
         check_name("message", declared.name)
         if declared.name.startswith(PREFIX):
@@ -120,7 +153,14 @@ class Registry(Stored):
 
 def type_size(declared: MessageFormat) -> int:
     """Bytes that a declared message holds."""
-    texts = (declared.name, declared.data, declared.reply, declared.progress, declared.life_cycle, *declared.parts)
+    texts = (
+        declared.name,
+        declared.data,
+        declared.reply,
+        declared.progress,
+        declared.life_cycle,
+        *declared.parts,
+    )
     return TYPE_BYTES + sum(map(len, texts))
 
 
@@ -128,7 +168,8 @@ def _check_life_cycle(declared: MessageFormat) -> None:
     """Raises RequestError if the table of a declaration is none that a task could go by."""
     if not declared.message_class.is_task:
         raise RequestError(
-            Refusal.FORMAT, f"{declared.message_class} '{declared.name}' is no task: it has no life cycle"
+            Refusal.FORMAT,
+            f"{declared.message_class} '{declared.name}' is no task: it has no life cycle",
         )
     try:
         read_life_cycle(declared.life_cycle)
@@ -137,7 +178,9 @@ def _check_life_cycle(declared: MessageFormat) -> None:
 
 
 def _check_notice(declared: MessageFormat, module: Module) -> None:
-    """Modules may handle central's notices, as they are, and declare nothing else that is called so."""
+    """Modules may handle central's notices, as they are, and declare nothing else that is called
+    so.
+    """
     notice = NOTICES.get(declared.name)
     if notice is None:
         text = f"'{declared.name}': names that begin with '{PREFIX}' are central's own, and it sends no such notice"
@@ -145,7 +188,9 @@ def _check_notice(declared: MessageFormat, module: Module) -> None:
     _refuse_difference(declared, module, notice.format, "central")
 
 
-def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFormat, there: str) -> None:
+def _refuse_difference(
+    declared: MessageFormat, module: Module, known: MessageFormat, there: str
+) -> None:
     """Raise RequestError where a declaration differs from the one known *there*."""
     if known.message_class != declared.message_class:
         difference = f"a {declared.message_class} here, a {known.message_class} there"
@@ -157,11 +202,20 @@ def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFo
         if not difference and (progress := first_difference(declared.progress, known.progress)):
             difference = f"intermediate result {progress}"
         if not difference and declared.life_cycle != known.life_cycle:
-            here, there_too = read_life_cycle(declared.life_cycle), read_life_cycle(known.life_cycle)
-            difference = f"{here} here, {there_too} there" if here.name != there_too.name else f"two versions of {here}"
+            here, there_too = (
+                read_life_cycle(declared.life_cycle),
+                read_life_cycle(known.life_cycle),
+            )
+            difference = (
+                f"{here} here, {there_too} there"
+                if here.name != there_too.name
+                else f"two versions of {here}"
+            )
     if difference:
         sides = f"here = module '{module.name}', there = {there}"
-        raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")
+        raise RequestError(
+            Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})"
+        )
 
 
 class Value(NamedTuple):
@@ -174,7 +228,9 @@ class Value(NamedTuple):
 
 
 class Variables(Stored):
-    """The values that variables have; one that was never set has none. They outlive the module that set them."""
+    """The values that variables have; one that was never set has none. They outlive the module that
+    set them.
+    """
 
     __slots__ = ("bytes", "values")
 

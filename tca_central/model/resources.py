@@ -1,17 +1,20 @@
 """Resources: the slots of a part of a module, the queue for them, and locks.
 
-Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5: res.c; capacity is the
-number of messages delivered and not yet completed, not the length of a queue).
+Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5:
+res.c; capacity is the number of messages delivered and not yet completed, not the length of a
+queue).
 
-Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher priority first, then
-arrival. A claim whose turn has come holds back all behind it until nobody is in the resource; then it is granted. While
-a lock is held nobody is let in, while a reservation is, only what its owner sends. Where a program runs in several
-copies, each has its slots and its queue; a claim is for all of them, waits in each queue, and is granted when its turn
-has come in each and nobody is in any.
+Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher
+priority first, then arrival. A claim whose turn has come holds back all behind it until nobody is
+in the resource; then it is granted. While a lock is held nobody is let in, while a reservation is,
+only what its owner sends. Where a program runs in several copies, each has its slots and its queue;
+a claim is for all of them, waits in each queue, and is granted when its turn has come in each and
+nobody is in any.
 
-The slot of a resource that has only one may have messages *ahead*: it was sent them before it is free, so that it need
-not wait for the next. They still wait, before all others in the queue, and nothing may come between: if something that
-goes first comes, they are recalled, and nobody is let in until the slot has said which it had not begun.
+The slot of a resource that has only one may have messages *ahead*: it was sent them before it is
+free, so that it need not wait for the next. They still wait, before all others in the queue, and
+nothing may come between: if something that goes first comes, they are recalled, and nobody is let
+in until the slot has said which it had not begun.
 """
 
 import heapq
@@ -49,7 +52,9 @@ Q = TypeVar("Q", bound=Queueable)
 
 
 class PendingLimit(Stored, Generic[Q]):
-    """At most *most* deliveries of one message wait for a resource (TCA 8.5: LimitPendingMessages)."""
+    """At most *most* deliveries of one message wait for a resource (TCA 8.5:
+    LimitPendingMessages).
+    """
 
     __slots__ = ("most", "waiting")
 
@@ -58,7 +63,9 @@ class PendingLimit(Stored, Generic[Q]):
         self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in the order in which they came
 
     def add(self, delivery: Q) -> Q | None:
-        """A delivery waits now; the one that must give way: it has waited longest, whatever its priority."""
+        """A delivery waits now; the one that must give way: it has waited longest, whatever its
+        priority.
+        """
         self.waiting[delivery] = None
         return next(iter(self.waiting)) if len(self.waiting) > self.most else None
 
@@ -74,7 +81,9 @@ class Queue(Stored, Generic[Q]):
 
     def __init__(self) -> None:
         self.waiting = 0  #: number of valid entries
-        self._heap: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, waiting entry)
+        self._heap: list[
+            tuple[int, int, int, Q]
+        ] = []  #: (-priority, arrival, ticket, waiting entry)
 
     def put(self, one: Q) -> None:
         """Let one more wait."""
@@ -109,15 +118,31 @@ class Claim(Stored, Generic[S, Q]):
 
     is_task = False
 
-    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
-                 "since", "slot", "ticket", "timer")  # fmt: skip
+    __slots__ = (
+        "admits_owner",
+        "arrival",
+        "holder",
+        "id",
+        "number",
+        "owner",
+        "priority",
+        "resource",
+        "since",
+        "slot",
+        "ticket",
+        "timer",
+    )
 
-    def __init__(self, resource: "Resource[S, Q]", slot: S, owner: object, *, admits_owner: bool) -> None:
+    def __init__(
+        self, resource: "Resource[S, Q]", slot: S, owner: object, *, admits_owner: bool
+    ) -> None:
         self.resource = resource
         self.slot = slot  #: its sender; a slot of the resource does not wait for itself
         self.owner = owner  #: whose messages a reservation lets in
         self.admits_owner = admits_owner  #: it is a reservation
-        self.holder: Q | None = None  #: the delivery at whose end it ends; None: it ends with its connection
+        self.holder: Q | None = (
+            None  #: the delivery at whose end it ends; None: it ends with its connection
+        )
         self.id = 0
         self.number = 0  #: of the request
         self.timer: Timer | None = None  #: when it has waited long enough
@@ -140,27 +165,48 @@ class Claim(Stored, Generic[S, Q]):
 class Resource(Stored, Generic[S, Q]):
     """Slots that handle one message each, and those that wait for one."""
 
-    __slots__ = ("_free", "_queue", "_sent_by", "ahead", "ahead_at", "called_back", "claims", "copies", "held_by",
-                 "is_recalling", "module", "name", "numbers", "slots")  # fmt: skip
+    __slots__ = (
+        "_free",
+        "_queue",
+        "_sent_by",
+        "ahead",
+        "ahead_at",
+        "called_back",
+        "claims",
+        "copies",
+        "held_by",
+        "is_recalling",
+        "module",
+        "name",
+        "numbers",
+        "slots",
+    )
 
     def __init__(self, module: str, name: str) -> None:
         self.module = module
         self.name = name
-        self.copies: list[Resource[S, Q]] = [self]  #: it, and the same resource of other copies of its module; one list
+        self.copies: list[Resource[S, Q]] = [
+            self
+        ]  #: it, and the same resource of other copies of its module; one list
         self.slots: dict[S, None] = {}
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new one gets the lowest that is free
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S, Q], None] = {}  #: those that wait, oldest first
-        self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
+        self.called_back: dict[
+            Q, S
+        ] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
         self.ahead: dict[Q, tuple[Fact, ...] | None] = {}
-        """Messages that its only slot has already, and has not begun as far as is known -> None or, of one that nobody
-        wants any more, the facts to be recorded when the slot has said whether it had begun it.
+        """Messages that its only slot has already, and has not begun as far as is known -> None or,
+        of one that nobody wants any more, the facts to be recorded when the slot has said whether
+        it had begun it.
         """
         self.ahead_at: S | None = None  #: the slot that has, or had, them
         self.is_recalling = False  #: the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S, Q]] = Queue()
-        self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
+        self._sent_by: dict[object, Queue[Q]] | None = (
+            None  #: the same messages by sender, once it was reserved
+        )
 
     @property
     def waiting(self) -> int:
@@ -178,7 +224,9 @@ class Resource(Stored, Generic[S, Q]):
         return len(self._free)
 
     def add_slot(self, slot: S) -> None:
-        """A connection that handles messages for this resource came; it takes none before ``free_slot``."""
+        """A connection that handles messages for this resource came; it takes none before
+        ``free_slot``.
+        """
         self.numbers[slot] = min({*range(1, len(self.slots) + 2)}.difference(self.numbers.values()))
         self.slots[slot] = None
 
@@ -213,12 +261,19 @@ class Resource(Stored, Generic[S, Q]):
         return held_by is None or (held_by.admits_owner and message.sent_by is held_by.owner)
 
     def _is_behind(self, message: Q) -> bool:
-        """Whether something waits that goes first: a claim or, where a lock has just ended, a message."""
+        """Whether something waits that goes first: a claim or, where a lock has just ended, a
+        message.
+        """
         first = self._first_in_line()
-        return first is not None and (-first.priority, first.arrival) < (-message.priority, message.arrival)
+        return first is not None and (-first.priority, first.arrival) < (
+            -message.priority,
+            message.arrival,
+        )
 
     def take_slot(self) -> S:
-        """The slot that has been free longest, or that has the next message already; no longer free."""
+        """The slot that has been free longest, or that has the next message already; no longer
+        free.
+        """
         slot = self.ahead_at if self.ahead and self.ahead_at is not None else next(iter(self._free))
         del self._free[slot]
         return slot
@@ -227,7 +282,7 @@ class Resource(Stored, Generic[S, Q]):
         """Mark a slot free: its message is completed."""
         self._free[slot] = None
 
-    # --- those that wait -------------------------------------------------------------------------------------------
+    # --- those that wait --------------------------------------------------------------------------
 
     def queue(self, one: Q) -> None:
         """Let a message wait its turn."""
@@ -280,15 +335,24 @@ class Resource(Stored, Generic[S, Q]):
 
     def next_question(self) -> Q | None:
         """The next that may be let in where tasks may not; none that is behind a claim."""
-        others = [one for one in self._queue if not one.is_task and (isinstance(one, Claim) or self.admits(one))]
+        others = [
+            one
+            for one in self._queue
+            if not one.is_task and (isinstance(one, Claim) or self.admits(one))
+        ]
         first = min(others, key=lambda one: (-one.priority, one.arrival), default=None)
         return None if isinstance(first, Claim) or self.is_recalling else first
 
-    # --- messages ahead --------------------------------------------------------------------------------------------
+    # --- messages ahead ---------------------------------------------------------------------------
 
     def next_ahead(self) -> Q | None:
         """The message that may be sent ahead next; None if something may come between."""
-        if self.is_recalling or self.claims or self.held_by is not None or self._sent_by is not None:
+        if (
+            self.is_recalling
+            or self.claims
+            or self.held_by is not None
+            or self._sent_by is not None
+        ):
             return None
         first = self._queue.first() if len(self.slots) == 1 else None
         return None if isinstance(first, Claim) else first
@@ -302,7 +366,9 @@ class Resource(Stored, Generic[S, Q]):
         return self.ahead_at
 
     def take_back(self, message: Q) -> tuple[Fact, ...] | None:
-        """The slot does not have a message any more, which waits as before; the facts, if nobody wants it any more."""
+        """The slot does not have a message any more, which waits as before; the facts, if nobody
+        wants it any more.
+        """
         self._queue.put(message)
         return self.ahead.pop(message)
 
@@ -328,7 +394,7 @@ class Resource(Stored, Generic[S, Q]):
         mine = self._sent_by.get(self.held_by.owner)
         return mine.first() if mine is not None else None
 
-    # --- claims ----------------------------------------------------------------------------------------------------
+    # --- claims -----------------------------------------------------------------------------------
 
     def join_copies(self, other: "Resource[S, Q]") -> None:
         """Become a copy of another resource: its locks and claims cover this one too."""
@@ -339,7 +405,9 @@ class Resource(Stored, Generic[S, Q]):
             self._wait(claim)
 
     def leave_copies(self) -> "Resource[S, Q] | None":
-        """Leave the copies; another one, if there is one, goes on with the claims and is returned."""
+        """Leave the copies; another one, if there is one, goes on with the claims and is
+        returned.
+        """
         self.copies.remove(self)
         if not self.copies:
             self.copies = [self]
@@ -352,14 +420,18 @@ class Resource(Stored, Generic[S, Q]):
         return newest
 
     def _may_have(self, claim: Claim[S, Q]) -> bool:
-        """Whether it is a claim's turn here and in all copies, with nobody in them but the claimant."""
+        """Whether it is a claim's turn here and in all copies, with nobody in them but the
+        claimant.
+        """
         if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
             return False
         inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
         return not inside or inside == [claim.slot]
 
     def add_claim(self, claim: Claim[S, Q]) -> None:
-        """Add a claim. A slot in use that claims goes first: the resource is not idle before its handler returns."""
+        """Add a claim. A slot in use that claims goes first: the resource is not idle before its
+        handler returns.
+        """
         if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
             claim.priority = INSIDE
         for one in self.copies:

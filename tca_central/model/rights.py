@@ -1,4 +1,6 @@
-"""Rights: what one connection may do, as the permissions file has it. Knows nothing of messages but their names."""
+"""Rights: what one connection may do, as the permissions file has it. Knows nothing of messages but
+their names.
+"""
 
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
@@ -11,7 +13,9 @@ OWNER = "owner"
 """What permissions call the user who runs central."""
 
 MOST_LICENCES = 10_000
-"""Licences that are valid: one for each sender of direct messages, whether it is connected or not."""
+"""Licences that are valid: one for each sender of direct messages, whether it is connected or
+not.
+"""
 MOST_BARRED = 10_000
 
 _REMEMBERED = 4096  # names
@@ -44,9 +48,15 @@ class Permissions(Stored):
     __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")
 
     def __init__(self) -> None:
-        self.rules: tuple[AccessRule, ...] | None = None  #: None: whoever is let in may do everything
-        self.outcome_owners: dict[int, str] = {}  #: of ended tasks whose outcome is kept: whose they were, under rules
-        self.licences: dict[int, str] = {}  #: those that are valid, and whose they are; oldest first
+        self.rules: tuple[AccessRule, ...] | None = (
+            None  #: None: whoever is let in may do everything
+        )
+        self.outcome_owners: dict[
+            int, str
+        ] = {}  #: of ended tasks whose outcome is kept: whose they were, under rules
+        self.licences: dict[
+            int, str
+        ] = {}  #: those that are valid, and whose they are; oldest first
         self.newest_licence = 0
         self.barred: list[int] = []  #: the newest that are not valid any more
 
@@ -69,7 +79,9 @@ def matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 def rights_of(rules: Iterable[AccessRule], principal: str, module: str) -> Rights | None:
-    """The rights of a principal as a module of that name; None if no rule is about it: it is not let in."""
+    """The rights of a principal as a module of that name; None if no rule is about it: it is not
+    let in.
+    """
     who = principal or OWNER
     found = [rule for rule in rules if matches(who, rule.keys) and matches(module, rule.modules)]
     if not found:

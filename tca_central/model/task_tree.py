@@ -18,8 +18,17 @@ from tca_wire.vocabulary import Refusal, Role
 class TaskTree(Stored):
     """All live tasks by id, under a root that is always being achieved."""
 
-    __slots__ = ("across", "bytes", "last_of_module", "never_began", "newest", "root", "suspended", "tasks",
-                 "top_of_module")  # fmt: skip
+    __slots__ = (
+        "across",
+        "bytes",
+        "last_of_module",
+        "never_began",
+        "newest",
+        "root",
+        "suspended",
+        "tasks",
+        "top_of_module",
+    )
 
     def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
@@ -27,22 +36,36 @@ class TaskTree(Stored):
         self.tasks: dict[int, Task] = {}
         self.bytes = 0  #: that all tasks hold
         self.suspended: dict[int, tuple[float, str, bool]] = {}
-        """The tasks that were suspended themselves, oldest first: since when, by whom, and whether from birth on."""
-        self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
-        self.never_began: dict[int, int] = {}  #: of killed tasks whose outcome is known: the starts that never were
+        """The tasks that were suspended themselves, oldest first: since when, by whom, and whether
+        from birth on.
+        """
+        self.across: dict[
+            Task, None
+        ] = {}  #: from which edges have led to others than siblings (cycles.py)
+        self.never_began: dict[
+            int, int
+        ] = {}  #: of killed tasks whose outcome is known: the starts that never were
         self.newest = 0  #: the highest id given so far
-        self.last_of_module: dict[Module | None, Task] = {}  #: last top-level task per sending module
-        self.top_of_module: dict[Module | None, dict[int, Task]] = {}  #: living top-level tasks per sending module
+        self.last_of_module: dict[
+            Module | None, Task
+        ] = {}  #: last top-level task per sending module
+        self.top_of_module: dict[
+            Module | None, dict[int, Task]
+        ] = {}  #: living top-level tasks per sending module
 
     def task(self, task_id: TaskId) -> Task | None:
-        """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
+        """The live task of that id; None if it has ended. Raises RequestError if there has never
+        been one.
+        """
         task = self.tasks.get(task_id)
         if task is None and not ROOT < task_id <= self.newest:
             raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
         return task
 
     def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:
-        """The task that flags of a new child refer to. Under the root each module has its own sequence."""
+        """The task that flags of a new child refer to. Under the root each module has its own
+        sequence.
+        """
         last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
         return last if last is not None and last.reached != ALL_MOMENTS else None
 
@@ -95,7 +118,7 @@ class TaskTree(Stored):
 
     def forget_asked(
         self, task: Task, is_over: Callable[[ClientRequest], bool] = lambda _: True
-    ) -> list[ClientRequest]:  # fmt: skip
+    ) -> list[ClientRequest]:
         """What clients have asked for, which is remembered no longer: all that *is over*."""
         clients = task.clients
         if clients is None or not clients.asked:
@@ -138,7 +161,9 @@ class TaskTree(Stored):
             parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
     def _detach_top(self, task: Task, sender: Module | None) -> None:
-        """After a killed top-level task flags refer to the living one that the same module sent before it."""
+        """After a killed top-level task flags refer to the living one that the same module sent
+        before it.
+        """
         others = self.top_of_module.get(sender)
         if others is None or others.pop(task.id, None) is None:
             return  # it stood aside
@@ -155,13 +180,19 @@ class TaskTree(Stored):
 
     @staticmethod
     def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
-        """*task* and all below it, or only what dies with it if *doomed*, parents first. The tree must not change."""
+        """*task* and all below it, or only what dies with it if *doomed*, parents first. The tree
+        must not change.
+        """
         stack = [task]
         while stack:
             node = stack.pop()
             yield node
             if node.children:
-                stack.extend(one for one in reversed(node.children.values()) if not (doomed and one.role.survives))
+                stack.extend(
+                    one
+                    for one in reversed(node.children.values())
+                    if not (doomed and one.role.survives)
+                )
 
 
 def failure_size(failure: Failure | None) -> int:
@@ -181,19 +212,24 @@ def taps_of(delivery: Delivery) -> list[Wiretap]:
 
 
 def first_moments(task: Task) -> int:
-    """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
+    """The moments that a task reaches when it is given to a handler; given to another one later, it
+    is handled anew.
+    """
     if task.reached & START_HANDLING:
         return START_HANDLING
     return STARTS if task.delayed else RULES[task.message.is_goal].delivery
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
-    """The wiretaps still to be fired before *moments*; again those whose listener had no handler and now has."""
+    """The wiretaps still to be fired before *moments*; again those whose listener had no handler
+    and now has.
+    """
     fired = task.tapping.fired if task.tapping is not None else {}
     return [
         tap
         for tap in taps_of(task)
-        if tap.before & moments and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
+        if tap.before & moments
+        and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
     ]
 
 
@@ -212,11 +248,15 @@ def _newest_child(parent: Task) -> Task | None:
 
 def _newest(siblings: dict[int, Task]) -> Task:
     """The one that came last of those that are left."""
-    number, task = siblings.popitem()  # which clears the places of all that came later and have ended
+    number, task = (
+        siblings.popitem()
+    )  # which clears the places of all that came later and have ended
     siblings[number] = task
     return task
 
 
 def sending_module(task: Task) -> Module | None:
-    """The module that sent a task, which may have gone; None for central. A namesake that comes later is another."""
+    """The module that sent a task, which may have gone; None for central. A namesake that comes
+    later is another.
+    """
     return task.sender.module if task.sender else None

@@ -1,7 +1,8 @@
 """Tasks: the nodes of the tree, and the parts that only some of them have.
 
-What every task needs stands in a chain of classes, one a concern: ``Queued`` and ``Delivery`` (deliveries.py), then
-``Node``, ``Ordered`` and ``Task``. What few need stands in parts, which are made when they are first needed.
+What every task needs stands in a chain of classes, one a concern: ``Queued`` and ``Delivery``
+(deliveries.py), then ``Node``, ``Ordered`` and ``Task``. What few need stands in parts, which are
+made when they are first needed.
 """
 
 from collections.abc import Iterator
@@ -9,7 +10,15 @@ from typing import NamedTuple
 
 from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
 from tca_central.model.clock import Timer
-from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, Handler, MessageType, Module, Wiretap
+from tca_central.model.deliveries import (
+    AttachedHandler,
+    Connection,
+    Delivery,
+    Handler,
+    MessageType,
+    Module,
+    Wiretap,
+)
 from tca_central.model.stored import Stored
 from tca_wire.packets.parts import Involved, Watching, WatchOptions
 from tca_wire.points import ROOT, TaskId
@@ -27,18 +36,35 @@ _ACTION = 1  # which part of a monitor
 class Node(Delivery):
     """A place in the tree: what is above it, and what is below."""
 
-    __slots__ = ("children", "depth", "is_watcher", "last_child", "parent", "sequence", "unplanned", "watchers")
+    __slots__ = (
+        "children",
+        "depth",
+        "is_watcher",
+        "last_child",
+        "parent",
+        "sequence",
+        "unplanned",
+        "watchers",
+    )
 
-    def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
+    def __init__(
+        self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
+    ) -> None:
         Delivery.__init__(self, task_id, message, body, sender)
         self.parent: Task | None = None  #: None: the root
         self.depth = 0  #: number of tasks from the top of the tree, it included
-        self.is_watcher = False  #: a monitor that its parent does not wait for: it ends when all else there has
+        self.is_watcher = (
+            False  #: a monitor that its parent does not wait for: it ends when all else there has
+        )
         self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
         self.watchers: dict[int, Task] | None = None  #: those of them that are watchers
         self.unplanned = 0  #: number of children that are not planned yet
-        self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
-        self.sequence: dict[int, Task] | None = None  #: its children but those aside, once the newest was killed
+        self.last_child: Task | None = (
+            None  #: the one that constraint flags of the next child refer to
+        )
+        self.sequence: dict[int, Task] | None = (
+            None  #: its children but those aside, once the newest was killed
+        )
 
 
 class Ordered(Node):
@@ -46,32 +72,62 @@ class Ordered(Node):
 
     __slots__ = ("delayed", "followers", "held", "leaders", "reached", "waiters")
 
-    def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
+    def __init__(
+        self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
+    ) -> None:
         Node.__init__(self, task_id, message, body, sender)
         self.reached = 0  #: moments reached, as bits
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.held = 0  #: unmet constraints per moment, packed (holds.py)
-        self.followers: list[tuple[int, Task, int, float]] | None = None  #: (moment, task, its moment, delay) that wait
-        self.leaders: list[tuple[int, int, int]] | None = None  #: (moment, task id, its moment) that this one waits for
-        self.waiters: dict[Stored, int] | None = None  #: waits for it -> the moment of each; oldest first
+        self.followers: list[tuple[int, Task, int, float]] | None = (
+            None  #: (moment, task, its moment, delay) that wait
+        )
+        self.leaders: list[tuple[int, int, int]] | None = (
+            None  #: (moment, task id, its moment) that this one waits for
+        )
+        self.waiters: dict[Stored, int] | None = (
+            None  #: waits for it -> the moment of each; oldest first
+        )
 
 
 class Task(Ordered):
-    """A task from arrival to end. How far it is follows from ``reached``, ``returned`` and ``killed``."""
+    """A task from arrival to end. How far it is follows from ``reached``, ``returned`` and
+    ``killed``.
+    """
 
     is_task = True
 
-    __slots__ = ("clients", "is_goal", "keeping", "killed", "plans", "recovery", "requested", "result", "retrying",
-                 "returned", "serial", "size", "state", "suspended", "tapping", "watch")  # fmt: skip
+    __slots__ = (
+        "clients",
+        "is_goal",
+        "keeping",
+        "killed",
+        "plans",
+        "recovery",
+        "requested",
+        "result",
+        "retrying",
+        "returned",
+        "serial",
+        "size",
+        "state",
+        "suspended",
+        "tapping",
+        "watch",
+    )
 
     id: TaskId
 
-    def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
+    def __init__(
+        self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
+    ) -> None:
         Ordered.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
         self.state = message.initial  #: of its life cycle; the last one is told when it has ended
         self.serial = 0  #: number of changes of that
-        self.requested = False  #: all conditions of its start are met: it was given to the resources
+        self.requested = (
+            False  #: all conditions of its start are met: it was given to the resources
+        )
         self.suspended = False
         self.retrying = False  #: is to be handled once more, when all under it has ended
         self.returned = False  #: its handler has returned, or will never be called
@@ -116,7 +172,9 @@ class Task(Ordered):
 
     @property
     def is_guest(self) -> bool:
-        """Whether it is a monitor that others have put under its parent: it outlives the retry of that."""
+        """Whether it is a monitor that others have put under its parent: it outlives the retry of
+        that.
+        """
         return self.watch is not None and self.watch.is_guest
 
     @property
@@ -131,11 +189,16 @@ class Task(Ordered):
 
     @property
     def may_be_handled_again(self) -> bool:
-        """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
+        """Whether all has ended that a retry waits for: handler, children but guests, exception
+        handlers that asked.
+        """
         recovery, children = self.recovery, len(self.children or ())
         if recovery is None:
             return not (self.is_running or children)
-        return not (self.is_running or recovery.askers or recovery.unheard) and children == recovery.guests
+        return (
+            not (self.is_running or recovery.askers or recovery.unheard)
+            and children == recovery.guests
+        )
 
     @property
     def watches_alone(self) -> bool:
@@ -172,30 +235,47 @@ class Task(Ordered):
             task = task.parent
 
     def above(self, number: int) -> "Task | None":
-        """The task of that number, if it is this one or above it. Stops at an older task: its parent is older still."""
+        """The task of that number, if it is this one or above it. Stops at an older task: its
+        parent is older still.
+        """
         task: Task | None = self
         while task is not None and task.id > number:
             task = task.parent
         return task if task is not None and ROOT < task.id == number else None
 
 
-# --- parts -----------------------------------------------------------------------------------------------------------
+# --- parts ----------------------------------------------------------------------------------------
 
 
 class Recovery(Stored):
-    """The failure of a task, and what is done about it; and the exception handlers attached to the task."""
+    """The failure of a task, and what is done about it; and the exception handlers attached to the
+    task.
+    """
 
-    __slots__ = ("askers", "attached", "attempts", "failure", "guests", "handler", "invocations", "is_dealt_with",
-                 "unheard")  # fmt: skip
+    __slots__ = (
+        "askers",
+        "attached",
+        "attempts",
+        "failure",
+        "guests",
+        "handler",
+        "invocations",
+        "is_dealt_with",
+        "unheard",
+    )
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: newest last
-        self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
+        self.invocations: dict[
+            int, int
+        ] = {}  #: how often each exception handler that holds here was called
         self.failure: Failure | None = None  #: the one raised last
         self.is_dealt_with = False  #: an exception handler took care of it
         self.handler: Task | None = None  #: the exception handler that decides
         self.attempts = 1  #: how often the task is being or has been handled
-        self.askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
+        self.askers: dict[
+            Task, None
+        ] = {}  #: the exception handlers that want it retried, and have not ended
         self.guests = 0  #: number of monitors under it that outlive its retry: see Watch
         self.unheard = 0  #: number of its exception handlers that have just ended: it may fail again for what they say
 
@@ -214,7 +294,9 @@ class Tapping(Stored):
 
     def __init__(self) -> None:
         self.taps: list[Wiretap] = []  #: its own, oldest first
-        self.fired: dict[int, bool] = {}  #: wiretaps fired before a moment of it -> whether the listener was handled
+        self.fired: dict[
+            int, bool
+        ] = {}  #: wiretaps fired before a moment of it -> whether the listener was handled
         self.is_firing = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
 
@@ -232,7 +314,9 @@ class Plans(Stored):
     __slots__ = ("farewells", "pending")
 
     def __init__(self) -> None:
-        self.pending: dict[Stored, Timer | Task] = {}  #: planned events -> the timer, or the task at which each waits
+        self.pending: dict[
+            Stored, Timer | Task
+        ] = {}  #: planned events -> the timer, or the task at which each waits
         self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
 
     @staticmethod
@@ -261,7 +345,9 @@ class Clients(Stored):
     __slots__ = ("asked", "newest", "progress")
 
     def __init__(self) -> None:
-        self.asked: list[ClientRequest] = []  #: transitions of clients since the handler's last one, oldest first
+        self.asked: list[
+            ClientRequest
+        ] = []  #: transitions of clients since the handler's last one, oldest first
         self.newest = 0  #: the serial number of the newest of these
         self.progress = b""  #: the newest intermediate result
 
@@ -280,7 +366,9 @@ class Keeping(Stored):
 
     def __init__(self) -> None:
         self.by: dict[Module, None] = {}  #: the modules that want it remembered
-        self.records: dict[int, KeptTask] = {}  #: of ended tasks that hang under it, oldest end first
+        self.records: dict[
+            int, KeptTask
+        ] = {}  #: of ended tasks that hang under it, oldest end first
 
     @staticmethod
     def of(place: "Task | KeptTask") -> "Keeping":
@@ -297,7 +385,13 @@ class KeptTask(Stored):
     __slots__ = ("body", "id", "keeping", "message", "outcome", "parent", "role")
 
     def __init__(self, task: Task, outcome: TaskOutcome, keeping: Keeping) -> None:
-        self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
+        self.id, self.message, self.role, self.body, self.outcome = (
+            task.id,
+            task.message,
+            task.role,
+            task.body,
+            outcome,
+        )
         self.parent: Task | KeptTask | None = task.parent  #: its parent, living or kept
         self.keeping = keeping
         for child in keeping.records.values():
@@ -325,16 +419,36 @@ class KeptTask(Stored):
 class Watch(Stored):
     """A monitor from its birth to its end."""
 
-    __slots__ = ("activations", "began", "condition", "count", "fires", "holds", "is_guest", "is_over", "options",
-                 "parts", "since", "task", "timers", "waits_for")  # fmt: skip
+    __slots__ = (
+        "activations",
+        "began",
+        "condition",
+        "count",
+        "fires",
+        "holds",
+        "is_guest",
+        "is_over",
+        "options",
+        "parts",
+        "since",
+        "task",
+        "timers",
+        "waits_for",
+    )
 
     def __init__(
-        self, task: Task, options: WatchOptions, parts: list[MessageType | None], is_guest: bool = False
+        self,
+        task: Task,
+        options: WatchOptions,
+        parts: list[MessageType | None],
+        is_guest: bool = False,
     ) -> None:
         self.task = task
         self.options = options
         self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
-        self.is_guest = is_guest  #: others than its parent's handler put it there (watching/watches.py)
+        self.is_guest = (
+            is_guest  #: others than its parent's handler put it there (watching/watches.py)
+        )
         self.began: float | None = None  #: when it began to watch
         self.since = 0.0  #: from when its periods are counted
         self.activations = 0  #: how often it is to test because it was fired
@@ -358,7 +472,7 @@ class Watch(Stored):
         return Watching(involved(self.task), action.name if action is not None else "")
 
 
-# --- about tasks -----------------------------------------------------------------------------------------------------
+# --- about tasks ----------------------------------------------------------------------------------
 
 
 class Verdict(NamedTuple):

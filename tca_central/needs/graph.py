@@ -1,11 +1,14 @@
-"""The graph of needs: handlers, messages, resources, claims and points of tasks, and what each waits for.
+"""The graph of needs: handlers, messages, resources, claims and points of tasks, and what each
+waits for.
 
-``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No group at all: it will
-come about by itself, as far as central knows: a handler that runs may return, somebody may come to handle a message,
-a suspended task may be resumed, time passes. So the graph never shows a wait for ever where there is none.
+``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No
+group at all: it will come about by itself, as far as central knows: a handler that runs may return,
+somebody may come to handle a message, a suspended task may be resumed, time passes. So the graph
+never shows a wait for ever where there is none.
 
-Groups come one at a time, so that whoever searches can stop: one node may need a million others. Between two of them
-comes a None for whatever was looked at and holds nothing back; so a step never takes long.
+Groups come one at a time, so that whoever searches can stop: one node may need a million others.
+Between two of them comes a None for whatever was looked at and holds nothing back; so a step never
+takes long.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -87,7 +90,9 @@ Groups = Iterator[Group | None]
 
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
-    """The needs of a node, as groups. Give ``list`` for *each* if central may change during the walk."""
+    """The needs of a node, as groups. Give ``list`` for *each* if central may change during the
+    walk.
+    """
     return _OF[type(node)](central, cast("Never", node), each)
 
 
@@ -96,7 +101,10 @@ def still_needs(central: State, node: Node, group: Group) -> bool:
     first, tasks = group[0], central.tree.tasks
     if isinstance(node, Place) and isinstance(first, Place) and first.task.parent is node.task:
         (task, moment), (child, its_moment) = node, first
-        if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):  # it may be one of a million
+        if moment == its_moment and moment in (
+            END_PLANNING,
+            END_ACHIEVING,
+        ):  # it may be one of a million
             is_there = tasks.get(child.id) is child and tasks.get(task.id) is task
             return is_there and not (task.reached | child.reached) & moment
     return any(one is not None and list(one) == list(group) for one in needs(central, node))
@@ -124,8 +132,10 @@ def _at_hand(delivery: Delivery) -> Returning | Turn | None:
 
 
 def _changes(central: State, observation: Observation) -> list[Node]:
-    """What may bring the next news of certain tasks, each by its handler or by what it comes to; none if anything may:
-    a new task, a monitor's time, a retry. A client who asks for a change counts as little as one who kills.
+    """What may bring the next news of certain tasks, each by its handler or by what it comes to;
+    none if anything may:
+    a new task, a monitor's time, a retry. A client who asks for a change counts as little as one
+    who kills.
     """
     tree, number = central.tree, observation.task_id or observation.below
     top = tree.tasks.get(number)
@@ -145,8 +155,8 @@ def _change(task: Task) -> Node:
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's. One that has not
-    begun is none in which a callback of its slot waits.
+    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's.
+    One that has not begun is none in which a callback of its slot waits.
     """
     delivery, slot = node.delivery, node.delivery.slot
     if slot is None:
@@ -179,7 +189,9 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         for claim in each(resource.claims):
             yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
     if resource.slots and not resource.free and delivery not in resource.called_back:
-        yield [Freeing(resource)]  # its sender's own slot needs not be free: it handles it while it waits
+        yield [
+            Freeing(resource)
+        ]  # its sender's own slot needs not be free: it handles it while it waits
 
 
 def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:
@@ -207,7 +219,9 @@ def _of_claim(_: State, node: Granting, each: Each) -> Groups:
 
 
 def _of_release(central: State, node: Releasing, each: Each) -> Groups:
-    """Its handler is expected to release it; when that has returned the end of its task will, or that it is retried."""
+    """Its handler is expected to release it; when that has returned the end of its task will, or
+    that it is retried.
+    """
     claim = node.claim
     holder = claim.holder
     if not claim.is_granted:
@@ -245,7 +259,9 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
 
 
 def is_only_queued(task: Task) -> bool:
-    """Whether a task is in a queue, with nothing else before any of its points: most of what a wide goal waits for."""
+    """Whether a task is in a queue, with nothing else before any of its points: most of what a wide
+    goal waits for.
+    """
     has_more = task.leaders or task.children or task.retrying or task.has_parts
     if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
         return False
@@ -254,8 +270,9 @@ def is_only_queued(task: Task) -> bool:
 
 
 def _of_test(monitor: Task) -> Groups:
-    """A monitor that ends after a test or action needs its condition's answer; others end by time or by request. One
-    that its parent does not wait for ends with all else there, too: the oldest of that stands for it.
+    """A monitor that ends after a test or action needs its condition's answer; others end by time
+    or by request. One that its parent does not wait for ends with all else there, too: the oldest
+    of that stands for it.
     """
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
@@ -285,14 +302,18 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
 
 
 def together(place: Place) -> int:
-    """The moments that come with one, and it, as bits: the starts of what is planned as late as it is achieved."""
+    """The moments that come with one, and it, as bits: the starts of what is planned as late as it
+    is achieved.
+    """
     if place.task.delayed and place.moment & STARTS:
         return START_PLANNING | START_ACHIEVING
     return place.moment
 
 
 def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Constraints, the order within the task and with its relatives; starts that wait for each other are one."""
+    """Constraints, the order within the task and with its relatives; starts that wait for each
+    other are one.
+    """
     same = together(Place(task, moment))
     for one in (one for one in SINGLE_MOMENTS if one & same):
         for before in predecessors(central.tree, Place(task, one), each):
@@ -307,7 +328,9 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
 
 
 def only_watches(central: State, child: Task) -> bool:
-    """Whether a monitor ends with all else under its parent, which waits for what it has sent, but not for itself."""
+    """Whether a monitor ends with all else under its parent, which waits for what it has sent, but
+    not for itself.
+    """
     if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
         return False
     ahead = (END_HANDLING | END_ACHIEVING) & ~child.reached if not child.killed else 0

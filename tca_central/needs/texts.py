@@ -1,6 +1,12 @@
 """Answers for those that stop waiting, or cannot begin to: waits in words."""
 
-from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleClaim, ModuleResource
+from tca_central.model.deliveries import (
+    Connection,
+    Delivery,
+    MessageType,
+    ModuleClaim,
+    ModuleResource,
+)
 from tca_central.needs.graph import Freeing, Granting, TurnAt, Waiting
 from tca_central.needs.waits import of_resource, replies_to, waits_of
 from tca_central.order import dispatcher
@@ -19,8 +25,12 @@ _FAILURES = 20
 AnswerWithBody = tuple[Answer, bytes]
 
 
-def end_of_wait(central: State, connection: Connection, number: int, answer_to: int) -> AnswerWithBody:
-    """The answer for a waiter that gives up: why there was none yet and, of a multi-query, the failures so far."""
+def end_of_wait(
+    central: State, connection: Connection, number: int, answer_to: int
+) -> AnswerWithBody:
+    """The answer for a waiter that gives up: why there was none yet and, of a multi-query, the
+    failures so far.
+    """
     due, text = connection.outstanding.get(number), ""
     if isinstance(due, Collector):
         return end_of_multi_query(central, due, answer_to)
@@ -34,7 +44,9 @@ def end_of_wait(central: State, connection: Connection, number: int, answer_to: 
 
 
 def end_of_multi_query(central: State, collector: Collector, number: int) -> AnswerWithBody:
-    """The end of a multi-query: done, or the first failure if nobody replied; the text names all others."""
+    """The end of a multi-query: done, or the first failure if nobody replied; the text names all
+    others.
+    """
     answer, body = collector.end or (Answer(number), b"")
     text = _why_not_replied(central, collector)
     if answer.outcome is Outcome.DONE:

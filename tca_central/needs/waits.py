@@ -50,7 +50,9 @@ _LOOKED_AT = 10_000
 """Groups of one node that are looked at."""
 _GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING)
 _OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
-"""The moments of a task in the order in which it comes to them; those of a goal until it is being achieved."""
+"""The moments of a task in the order in which it comes to them; those of a goal until it is being
+achieved.
+"""
 
 
 def next_of(task: Task) -> Place:
@@ -92,7 +94,9 @@ def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
     return WaitFor(kind, one.message_id, one.message.name, moment)
 
 
-def _at(kind: WaitKind, resource: Resource[Connection, Delivery], because: Iterable[WaitFor]) -> WaitFor:
+def _at(
+    kind: WaitKind, resource: Resource[Connection, Delivery], because: Iterable[WaitFor]
+) -> WaitFor:
     """A wait for something at a resource."""
     module, name = resource.module, resource.name
     return WaitFor(kind, module=module, resource=name, because=tuple(because))
@@ -106,7 +110,7 @@ def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
     return [wait for group in groups.values() for wait in first_ones(group, len(group))]
 
 
-# --- tasks -----------------------------------------------------------------------------------------------------------
+# --- tasks ----------------------------------------------------------------------------------------
 
 
 def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
@@ -145,7 +149,9 @@ def _children(place: Place) -> int:
 
 
 def _deciding(task: Task) -> list[Task]:
-    """The exception handlers that keep a task from going on: the one that decides, and those that want it retried."""
+    """The exception handlers that keep a task from going on: the one that decides, and those that
+    want it retried.
+    """
     if task.recovery is None or task.killed:
         return []
     known = [task.recovery.handler, *task.recovery.askers]
@@ -161,7 +167,11 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     if task.suspended and (moment & STARTS or is_to_be_handled):
         yield _resume(central, task)
     for pending, timer in task.plans.pending.items() if task.plans is not None else ():
-        if isinstance(pending, PendingDelay) and isinstance(timer, Timer) and pending.moment & together(place):
+        if (
+            isinstance(pending, PendingDelay)
+            and isinstance(timer, Timer)
+            and pending.moment & together(place)
+        ):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
     if task.watch is not None and task.watch.is_on and moment != START_PLANNING:
         yield condition_of(task)
@@ -183,7 +193,9 @@ def condition_of(monitor: Task) -> WaitFor:
     assert watch is not None
     query = watch.parts[0] if monitor.message.message_class.has_condition else None
     if watch.condition is not None:
-        return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
+        return WaitFor(
+            WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds
+        )
     return WaitFor(WaitKind.CONDITION, 0, "" if query is None else query.name, holds=watch.holds)
 
 
@@ -218,7 +230,7 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
     return WaitKind.CONSTRAINT
 
 
-# --- requests and handlers -------------------------------------------------------------------------------------------
+# --- requests and handlers ------------------------------------------------------------------------
 
 
 def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
@@ -233,7 +245,9 @@ def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
             yield from _of_request(central, slot, number, is_first=False)
 
 
-def _of_request(central: State, connection: Connection, number: int, *, is_first: bool = True) -> Iterator[WaitFor]:
+def _of_request(
+    central: State, connection: Connection, number: int, *, is_first: bool = True
+) -> Iterator[WaitFor]:
     """The wait for an answer; only for the *first* request with the waits behind it."""
     due = connection.outstanding.get(number)
     match due:
@@ -275,10 +289,12 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
     return of_resource(central, resource, TurnAt(delivery, resource), len(others))
 
 
-# --- resources -------------------------------------------------------------------------------------------------------
+# --- resources ------------------------------------------------------------------------------------
 
 
-def of_resource(central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0) -> WaitFor:
+def of_resource(
+    central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0
+) -> WaitFor:
     """The wait of a node for a resource, or one of so many *more*."""
     because = [WaitFor(WaitKind.HANDLER)]
     if resource.slots:
@@ -327,7 +343,7 @@ def _called(claim: ModuleClaim) -> str:
     return "reservation" if claim.admits_owner else "lock"
 
 
-# --- in the end ------------------------------------------------------------------------------------------------------
+# --- in the end -----------------------------------------------------------------------------------
 
 
 def _begun(node: Node) -> Node:
@@ -338,7 +354,9 @@ def _begun(node: Node) -> Node:
 
 
 class Ends:
-    """Final waits, found by following the first wait of each; all searches together look at *edges* edges."""
+    """Final waits, found by following the first wait of each; all searches together look at *edges*
+    edges.
+    """
 
     def __init__(self, central: State, edges: int) -> None:
         self.edges = edges

@@ -1,9 +1,10 @@
 """The agenda: which moment of which task may be reached when. Knows nothing of modules or sockets.
 
-Theory of operation. A task is looked at again when its constraints are met (holds.py counts them), and when its parent
-or a child has moved: a child starts planning (achieving) only after its parent has, a parent ends planning (achieving)
-only after all its children have. ``settle`` goes on until nothing moves. Each point is reached once and each constraint
-released once, so an event costs what it changes, whatever the size of the tree; nothing recurses.
+Theory of operation. A task is looked at again when its constraints are met (holds.py counts them),
+and when its parent or a child has moved: a child starts planning (achieving) only after its parent
+has, a parent ends planning (achieving) only after all its children have. ``settle`` goes on until
+nothing moves. Each point is reached once and each constraint released once, so an event costs what
+it changes, whatever the size of the tree; nothing recurses.
 """
 
 from collections import deque
@@ -13,7 +14,13 @@ from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import delivered_at
 from tca_central.model.stored import Stored
-from tca_central.model.task_tree import TaskTree, first_moments, sending_module, taps_of, to_be_fired
+from tca_central.model.task_tree import (
+    TaskTree,
+    first_moments,
+    sending_module,
+    taps_of,
+    to_be_fired,
+)
 from tca_central.model.tasks import Recovery, Tapping, Task, Verdict
 from tca_central.order.holds import SEQ_ACH, Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
@@ -34,10 +41,26 @@ from tca_wire.vocabulary import Role
 
 
 class Agenda(Stored):
-    """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and ``ended_waits``."""
+    """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and
+    ``ended_waits``.
+    """
 
-    __slots__ = ("_facts", "ended", "ended_waits", "holds", "look_at", "only_watched", "resumed", "startable",
-                 "tap_events", "taps_to_fire", "tree", "unanswered", "waits", "withdrawn")  # fmt: skip
+    __slots__ = (
+        "_facts",
+        "ended",
+        "ended_waits",
+        "holds",
+        "look_at",
+        "only_watched",
+        "resumed",
+        "startable",
+        "tap_events",
+        "taps_to_fire",
+        "tree",
+        "unanswered",
+        "waits",
+        "withdrawn",
+    )
 
     def __init__(self, tree: TaskTree, facts: list[Fact], clock: Clock) -> None:
         self.tree = tree
@@ -45,20 +68,34 @@ class Agenda(Stored):
         self._facts = facts
         self.look_at: deque[Task] = deque()  #: may go on: settle looks at them
         self.startable: deque[Task] = deque()  #: may be given to a handler
-        self.unanswered: deque[Task] = deque()  #: their handlers have returned, without a word to what clients want
+        self.unanswered: deque[Task] = (
+            deque()
+        )  #: their handlers have returned, without a word to what clients want
         self.withdrawn: deque[tuple[Task, bool]] = deque()
-        """Tasks that may not start now: they leave their queues; each with whether it is only suspended."""
+        """Tasks that may not start now: they leave their queues; each with whether it is only
+        suspended.
+        """
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.waits = 0  #: number of entries in all lists of waiters
-        self.ended_waits: deque[tuple[Task, Stored]] = deque()  #: waits whose moment has been reached
-        self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
-        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
+        self.ended_waits: deque[tuple[Task, Stored]] = (
+            deque()
+        )  #: waits whose moment has been reached
+        self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = (
+            deque()
+        )  #: wiretaps to be fired before a task goes on
+        self.tap_events: deque[tuple[Delivery, int]] = (
+            deque()
+        )  #: events of messages that wiretaps may be at
         self.resumed: deque[Task] = deque()  #: monitors that are suspended no longer
-        self.only_watched: deque[Task] = deque()  #: wait for nothing but monitors that are not waited for
+        self.only_watched: deque[Task] = (
+            deque()
+        )  #: wait for nothing but monitors that are not waited for
 
-    # --- calls of the core -----------------------------------------------------------------------------------------
+    # --- calls of the core ------------------------------------------------------------------------
 
-    def add(self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
+    def add(
+        self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]
+    ) -> list[Constraint]:
         """Hang a new task under *parent*; the constraints put on it, by absolute ids.
 
         Raises RequestError, and leaves no trace, where a constraint can never be met.
@@ -83,10 +120,17 @@ class Agenda(Stored):
             self.look_at.append(parent)
         return added
 
-    def _constrain_new(self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
-        """Add the constraints that a new task was sent with. With RequestError it is taken out of the tree."""
+    def _constrain_new(
+        self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]
+    ) -> list[Constraint]:
+        """Add the constraints that a new task was sent with. With RequestError it is taken out of
+        the tree.
+        """
         follows = self.holds.follow(task, last, int(flags)) if last is not None else []
-        own = [*from_flags(int(flags), task), *(resolve(constraint, task.id) for constraint in wanted)]
+        own = [
+            *from_flags(int(flags), task),
+            *(resolve(constraint, task.id) for constraint in wanted),
+        ]
         try:
             return self._put_in_force(own, follows, task)
         except RequestError:
@@ -96,13 +140,17 @@ class Agenda(Stored):
             raise
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
-        """Add constraints between existing tasks; those that hold anything. All of them or, with RequestError, none."""
+        """Add constraints between existing tasks; those that hold anything. All of them or, with
+        RequestError, none.
+        """
         return self._put_in_force(wanted, [])
 
     def _put_in_force(
         self, wanted: list[Constraint], added: list[Constraint], new: Task | None = None
     ) -> list[Constraint]:
-        """Add constraints beside those that were *added* already, and hold all tasks again but a *new* one."""
+        """Add constraints beside those that were *added* already, and hold all tasks again but a
+        *new* one.
+        """
         try:
             for constraint in wanted:
                 added += self.holds.add(constraint)
@@ -118,12 +166,16 @@ class Agenda(Stored):
         """A handler was given the task."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            if task.is_goal or task.returned:  # its achieving may start, or a monitor was ended before it began
+            if (
+                task.is_goal or task.returned
+            ):  # its achieving may start, or a monitor was ended before it began
                 self.look_at.append(task)
         self._look_above(task)
 
     def _look_above(self, task: Task) -> None:
-        """A monitor is to watch, or may not begin, perhaps under a task that waits for nothing else."""
+        """A monitor is to watch, or may not begin, perhaps under a task that waits for nothing
+        else.
+        """
         if task.is_watcher and task.parent is not None:
             self.look_at.append(task.parent)
 
@@ -140,12 +192,16 @@ class Agenda(Stored):
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
-            task.tapping.fired = {tap: heard for tap, heard in task.tapping.fired.items() if tap in done}
+            task.tapping.fired = {
+                tap: heard for tap, heard in task.tapping.fired.items() if tap in done
+            }
         self.requeue(task)
         self._look_above(task)
 
     def end_or_retry(self, task: Task) -> bool:
-        """Whether it does not count how the task's handler ended, because the task was killed, or is retried."""
+        """Whether it does not count how the task's handler ended, because the task was killed, or
+        is retried.
+        """
         if task.killed:
             self.mark_returned(task)
         elif task.retrying:
@@ -191,7 +247,9 @@ class Agenda(Stored):
         self.look_at.append(release.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
-        """Mark a task and what dies with it as killed; those for which that is new, parents first."""
+        """Mark a task and what dies with it as killed; those for which that is new, parents
+        first.
+        """
         killed = [doomed for doomed in self.tree.subtree(task, doomed=True) if not doomed.killed]
         reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:
@@ -208,7 +266,9 @@ class Agenda(Stored):
         return killed
 
     def suspend(self, task: Task, *, resume: bool) -> list[Task]:
-        """Start nothing of a subtree, or let it be started again; the tasks for which that is new."""
+        """Start nothing of a subtree, or let it be started again; the tasks for which that is
+        new.
+        """
         changed = []
         for one in self.tree.subtree(task):
             if one.suspended is not resume:
@@ -244,7 +304,7 @@ class Agenda(Stored):
         if self.holds.ending:
             self.holds.ending.clear()
 
-    # --- reaching moments ------------------------------------------------------------------------------------------
+    # --- reaching moments -------------------------------------------------------------------------
 
     def _advance(self, task: Task) -> None:
         """Let a task go on as far as it may: reach moments, ask for its delivery."""
@@ -253,7 +313,9 @@ class Agenda(Stored):
         if task.killed or task.reached & START_HANDLING:
             self._reach_what_may_be(task)
         if not (task.requested or task.killed) and self._may_start(task):
-            task.requested = not (task.message.taps or task.tapping) or self._may_pass(task, first_moments(task))
+            task.requested = not (task.message.taps or task.tapping) or self._may_pass(
+                task, first_moments(task)
+            )
             if task.requested:
                 self.startable.append(task)
         if task.watchers and task.watches_alone:
@@ -266,7 +328,11 @@ class Agenda(Stored):
             reached |= STARTS
         is_tapped = task.message.taps or task.tapping is not None
         for moment, needed in RULES[task.message.is_goal].order:
-            if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
+            if (
+                not reached & moment
+                and reached & needed == needed
+                and self._may_reach(task, moment)
+            ):
                 if is_tapped and not self._may_pass(task, moment):
                     break
                 reached |= moment
@@ -308,17 +374,23 @@ class Agenda(Stored):
         if moment & STARTS:
             if task.killed:
                 return task.slot is None
-            return bool(task.role) or bool(task.parent and task.parent.reached & moment)  # what central made is free
+            return bool(task.role) or bool(
+                task.parent and task.parent.reached & moment
+            )  # what central made is free
         if moment == END_HANDLING or not task.returned:
             return task.returned
         if task.recovery is not None and task.recovery.unheard and not task.killed:
             return False  # it may fail again, and have an exception handler to wait for
-        return not (task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned)
+        return not (
+            task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned
+        )
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
         self._facts.append(Reached(task.id, moments))
-        if not task.killed and (task.message.taps or (task.tapping is not None and task.tapping.taps)):
+        if not task.killed and (
+            task.message.taps or (task.tapping is not None and task.tapping.taps)
+        ):
             self.tap_events.append((task, moments))
         if task.waiters:
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
@@ -350,7 +422,9 @@ class Agenda(Stored):
             self.look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:
-        """A new constraint holds a task: take it out of the queues if it was startable and has not been delivered."""
+        """A new constraint holds a task: take it out of the queues if it was startable and has not
+        been delivered.
+        """
         self._look_above(task)
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
             self._take_back(task)

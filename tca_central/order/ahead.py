@@ -1,4 +1,5 @@
-"""Messages ahead: a quick slot has its next messages before it is free, and gives back what others come before.
+"""Messages ahead: a quick slot has its next messages before it is free, and gives back what others
+come before.
 
 Knows which may go, and what calls them back; nothing of who is next (docs/decisions/0068).
 """
@@ -15,9 +16,13 @@ from tca_wire.rules import DELIVERED
 QUICK = 0.001
 """Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
 LARGEST = 16 << 10
-"""Bytes of data: larger messages are not sent ahead, for what is on its way to a slot takes room until it is read."""
+"""Bytes of data: larger messages are not sent ahead, for what is on its way to a slot takes room
+until it is read.
+"""
 QUICK_RUNS = 8
-"""So many messages must have been handled quickly, one after the other, before one is sent ahead."""
+"""So many messages must have been handled quickly, one after the other, before one is sent
+ahead.
+"""
 
 
 class Out(Protocol):
@@ -52,20 +57,24 @@ class MessagesAhead(Stored):
             return
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
-        while len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None:
+        while (
+            len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None
+        ):
             if not _may_go_ahead(delivery, resource):
                 return
             resource.send_ahead(delivery)
             self._out.send_ahead(delivery, slot)
 
-    def make_way(self, resource: Resource[Connection, Delivery], newest: Delivery | ModuleClaim) -> None:
+    def make_way(
+        self, resource: Resource[Connection, Delivery], newest: Delivery | ModuleClaim
+    ) -> None:
         """Recall what is ahead if something has come that goes before it."""
         if resource.is_overtaken_by(newest):
             self.recall(resource)
 
     def revoke(self, delivery: Delivery, dropped: tuple[Fact, ...]) -> bool:
-        """Whether a slot has a delivery ahead, which nobody wants any more: it waits until that gives it back, or has
-        begun it.
+        """Whether a slot has a delivery ahead, which nobody wants any more: it waits until that
+        gives it back, or has begun it.
         """
         for resource in delivery.queues or ():
             if delivery in resource.ahead:
@@ -92,11 +101,15 @@ def first_ahead(slot: Connection) -> Delivery | None:
 
 
 def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
-    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
-    else, and nobody listens when it is delivered.
+    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task,
+    waits for nothing else, and nobody listens when it is delivered.
     """
     message = delivery.message
-    is_plain = not delivery.is_task and not delivery.role and not any(tap.at & DELIVERED for tap in message.taps)
+    is_plain = (
+        not delivery.is_task
+        and not delivery.role
+        and not any(tap.at & DELIVERED for tap in message.taps)
+    )
     is_plain = is_plain and len(delivery.body) <= LARGEST
     return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
 

@@ -1,18 +1,21 @@
 """The search that refuses circular constraints: whether one point must already come before another.
 
-It looks from both ends at once, one point at a time, and stops when either side is exhausted: it costs as much as the
-smaller side. Points already reached hold nothing back and are left out. Edges are the constraints, the order within a
-task, and the parent/child rules: a parent starts before, and ends after, each of its children.
+It looks from both ends at once, one point at a time, and stops when either side is exhausted: it
+costs as much as the smaller side. Points already reached hold nothing back and are left out. Edges
+are the constraints, the order within a task, and the parent/child rules: a parent starts before,
+and ends after, each of its children.
 
-A monitor that is not waited for may watch until all else under its parent has ended (decision 42). ``ALL_ELSE`` of the
-parent stands for that, so that a thousand siblings and a hundred monitors make no hundred thousand edges. Only this
-search knows it: it is no need, since a bound or a request may end the monitor sooner.
+A monitor that is not waited for may watch until all else under its parent has ended (decision 42).
+``ALL_ELSE`` of the parent stands for that, so that a thousand siblings and a hundred monitors make
+no hundred thousand edges. Only this search knows it: it is no need, since a bound or a request may
+end the monitor sooner.
 
-Large subtrees are passed by. A way leaves a subtree only by the ends of its top task, or along a constraint that leads
-out of it. There are few of those, for most constraints are between siblings; ``TaskTree.across`` knows where they
-begin. A search that is not over soon collects them while it goes on, a step at a time. Then it begins anew, and looks
-only into subtrees that such a constraint leaves or enters. So it never costs more than a few times a search everywhere.
-Between two goals of 1,000 subtasks each it costs 0.16 ms, where a search everywhere costs 20.
+Large subtrees are passed by. A way leaves a subtree only by the ends of its top task, or along a
+constraint that leads out of it. There are few of those, for most constraints are between siblings;
+``TaskTree.across`` knows where they begin. A search that is not over soon collects them while it
+goes on, a step at a time. Then it begins anew, and looks only into subtrees that such a constraint
+leaves or enters. So it never costs more than a few times a search everywhere. Between two goals of
+1,000 subtasks each it costs 0.16 ms, where a search everywhere costs 20.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator
@@ -37,12 +40,14 @@ from tca_wire.points import (
 _DRAWN = object()
 
 ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
-"""The points after a start of handling that was reached before: the first that is not past counts."""
+"""The points after a start of handling that was reached before: the first that is not past
+counts.
+"""
 
 
 ALL_ELSE = ALL_MOMENTS + 1
-"""Beside the moments of a task: all has ended under it but monitors that it does not wait for. More may come under it
-while it is being achieved; so it is taken to come after its start of achieving.
+"""Beside the moments of a task: all has ended under it but monitors that it does not wait for. More
+may come under it while it is being achieved; so it is taken to come after its start of achieving.
 """
 
 
@@ -83,15 +88,21 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
 class PathSearch:
     """A search from both ends; with *borders* it passes by the subtrees of most tasks."""
 
-    def __init__(self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None) -> None:
+    def __init__(
+        self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None
+    ) -> None:
         self.path: list[Place] | None = None
         if borders is None:
             self._ahead = _Side(start, lambda place, _: successors(place))
             self._behind = _Side(goal, lambda place, _: all_before(tree, place))
         else:
             into_ahead, into_behind = borders.is_open_ahead, borders.is_open_behind
-            self._ahead = _Side(start, lambda place, met: successors(place, below=into_ahead(place, met)))
-            self._behind = _Side(goal, lambda place, met: all_before(tree, place, below=into_behind(place, met)))
+            self._ahead = _Side(
+                start, lambda place, met: successors(place, below=into_ahead(place, met))
+            )
+            self._behind = _Side(
+                goal, lambda place, met: all_before(tree, place, below=into_behind(place, met))
+            )
 
     def step(self) -> bool:
         """Look at one more point from each end; whether ``path`` is known."""
@@ -107,7 +118,9 @@ class PathSearch:
 
 
 class Borders:
-    """The tasks whose subtrees a search must look into: a constraint crosses the border, or the other end is inside."""
+    """The tasks whose subtrees a search must look into: a constraint crosses the border, or the
+    other end is inside.
+    """
 
     def __init__(self, start: Place, goal: Place) -> None:
         self._start, self._goal = start, goal
@@ -128,11 +141,15 @@ class Borders:
                 yield from self._cross(task, asked)
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
-        """Note a constraint: it leaves the subtrees that *task* alone is in, and enters those of *follower*."""
+        """Note a constraint: it leaves the subtrees that *task* alone is in, and enters those of
+        *follower*.
+        """
         one, other = task.parent, follower.parent
         while one is not other:
             yield
-            if other is None or (one is not None and one.id > other.id):  # a parent is older than its children
+            if other is None or (
+                one is not None and one.id > other.id
+            ):  # a parent is older than its children
                 assert one is not None
                 self._ahead.add(one)
                 one = one.parent
@@ -141,7 +158,9 @@ class Borders:
                 other = other.parent
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
-        """Whether the search from the start, which has *met* these points, must look below a task."""
+        """Whether the search from the start, which has *met* these points, must look below a
+        task.
+        """
         task, moment = place
         if task in self._ahead:
             return True
@@ -199,7 +218,10 @@ class _Side:
         frontier = [origin]
         for place in frontier:  # grows while it is walked
             for neighbour in neighbours(place, self.came_from):
-                if not neighbour.task.reached & neighbour.moment and neighbour not in self.came_from:
+                if (
+                    not neighbour.task.reached & neighbour.moment
+                    and neighbour not in self.came_from
+                ):
                     self.came_from[neighbour] = place
                     frontier.append(neighbour)
                     yield neighbour
@@ -213,7 +235,9 @@ class _Side:
 
 
 def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
-    """The points that wait for a point, those already reached too; those of its children only if *below*."""
+    """The points that wait for a point, those already reached too; those of its children only if
+    *below*.
+    """
     task, moment = place
     for following in NEXT.get((task.is_goal, moment), ()):
         yield Place(task, following)
@@ -229,11 +253,17 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
 
 
 Each = Callable[[Iterable[Any]], Iterable[Any]]
-"""The way to walk a collection that may change: as it is (``iter``), or as it was then (``list``)."""
+"""The way to walk a collection that may change: as it is (``iter``), or as it was then
+(``list``).
+"""
 
 
-def predecessors(tree: TaskTree, place: Place, each: Each = iter, *, below: bool = True) -> Iterator[Place]:
-    """The points that a point waits for, those already reached too; those of its children only if *below*."""
+def predecessors(
+    tree: TaskTree, place: Place, each: Each = iter, *, below: bool = True
+) -> Iterator[Place]:
+    """The points that a point waits for, those already reached too; those of its children only if
+    *below*.
+    """
     task, moment = place
     for preceding in PREVIOUS.get((task.is_goal, moment), ()):
         yield Place(task, preceding)
@@ -266,7 +296,9 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
     elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in each(children))
     if moment in ENDS_OF_HANDLING and (task.retrying or task.recovery is not None):
-        yield from (Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task))
+        yield from (
+            Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task)
+        )
         yield from (Place(handler, END_ACHIEVING) for handler in each(_askers(task)))
 
 
@@ -315,4 +347,6 @@ def _askers(task: Task) -> Iterable[Task]:
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* is not handled (or, handled before, not planned) before *child* has ended."""
-    return (task.retrying and not child.is_guest) or (task.recovery is not None and task.recovery.handler is child)
+    return (task.retrying and not child.is_guest) or (
+        task.recovery is not None and task.recovery.handler is child
+    )

@@ -1,7 +1,8 @@
-"""The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed slots on.
+"""The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed
+slots on.
 
-Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers it reports
-through the functions it is given.
+Knows messages' handlers and resources' order; knows nothing of points and constraints. What it
+delivers it reports through the functions it is given.
 """
 
 from collections import deque
@@ -9,26 +10,53 @@ from collections.abc import Iterable, Sequence
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleClaim, ModuleResource
+from tca_central.model.deliveries import (
+    Connection,
+    Delivery,
+    Handler,
+    MessageType,
+    Module,
+    ModuleClaim,
+    ModuleResource,
+)
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
 from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_in, note_run
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
-"""Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
-refused. Tasks count, but are never refused: they are in the tree anyway."""
+"""Deliveries that may wait for one resource, or for a handler of one message, before informs are
+dropped and queries refused. Tasks count, but are never refused: they are in the tree anyway.
+"""
 
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
-"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
+"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for
+a request.
+"""
 
 
 class Dispatcher(Stored):
     """Every delivery between its start and its handler's return."""
 
-    __slots__ = ("_arrivals", "_clock", "_facts", "_out", "_suspects", "bytes", "changed", "crowded", "displaced",
-                 "granted", "handlers", "is_holding", "messages_ahead", "running", "stranded", "to_offer")  # fmt: skip
+    __slots__ = (
+        "_arrivals",
+        "_clock",
+        "_facts",
+        "_out",
+        "_suspects",
+        "bytes",
+        "changed",
+        "crowded",
+        "displaced",
+        "granted",
+        "handlers",
+        "is_holding",
+        "messages_ahead",
+        "running",
+        "stranded",
+        "to_offer",
+    )
 
     def __init__(self, facts: list[Fact], out: Out, suspects: deque[Suspect], clock: Clock) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
@@ -38,18 +66,27 @@ class Dispatcher(Stored):
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.bytes = 0  #: held by what waits or is handled, and is no task
         self.handlers = 0  #: number of all
-        self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
+        self.changed: dict[
+            MessageType, int
+        ] = {}  #: messages that got or lost handlers -> how many served before
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
+        """Resources that may let in somebody, each with the slot whose handler has returned, if one
+        has.
+        """
         self.granted: deque[ModuleClaim] = deque()  #: claims that have just got their resource
-        self.crowded: deque[Delivery] = deque()  #: tasks that have to wait for a handler with wishes
+        self.crowded: deque[Delivery] = (
+            deque()
+        )  #: tasks that have to wait for a handler with wishes
         self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
-        self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
+        self.stranded: deque[Delivery] = (
+            deque()
+        )  #: exception handlers that wait because nobody handles them any more
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
 
-        *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
+        *targets* are the resources that may take it; by default those of the message's newest
+        handler and its pool.
         """
         if not delivery.arrival:
             self._arrive(delivery)
@@ -105,7 +142,9 @@ class Dispatcher(Stored):
             self.to_offer.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
-        """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of arrival."""
+        """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of
+        arrival.
+        """
         if len(deliveries) > 1:
             for delivery in deliveries:
                 self._arrive(delivery)
@@ -129,7 +168,9 @@ class Dispatcher(Stored):
                 return True
         return False
 
-    def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
+    def _keep_within(
+        self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource
+    ) -> None:
         """Queue within a pending limit: the longest waiting delivery above it is dropped."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
@@ -145,8 +186,8 @@ class Dispatcher(Stored):
         self._out.deliver(delivery, slot, is_there=is_there)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
-        """Note that a handler has returned, when, and after how many seconds by its own clock (0: not known). Its slot
-        is given on last, for what follows may kill or hold the next.
+        """Note that a handler has returned, when, and after how many seconds by its own clock (0:
+        not known). Its slot is given on last, for what follows may kill or hold the next.
         """
         del self.running[delivery.given_as]
         if not delivery.is_task:
@@ -167,7 +208,9 @@ class Dispatcher(Stored):
             self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
-        """Let the first resource that may take the next message of its queue, or grant the next claim on it."""
+        """Let the first resource that may take the next message of its queue, or grant the next
+        claim on it.
+        """
         resource, slot = self.to_offer.popleft()
         if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
@@ -181,7 +224,9 @@ class Dispatcher(Stored):
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
         elif resource.called_back and not resource.is_locked:
-            for delivery, sender in list(resource.called_back.items()):  # no lock keeps its own questions out
+            for delivery, sender in list(
+                resource.called_back.items()
+            ):  # no lock keeps its own questions out
                 if sender in resource.slots:
                     self._leave_queues(delivery)
                     self._give_back(delivery, sender)
@@ -200,21 +245,32 @@ class Dispatcher(Stored):
         if slot.resource is not None and not delivery.is_task:
             self.messages_ahead.fill(slot.resource)
 
-    def _take_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> Connection:
-        slot, is_there, dropped = resource.take_slot(), delivery in resource.ahead, resource.ahead.get(delivery)
+    def _take_next(
+        self, delivery: Delivery, resource: Resource[Connection, Delivery]
+    ) -> Connection:
+        slot, is_there, dropped = (
+            resource.take_slot(),
+            delivery in resource.ahead,
+            resource.ahead.get(delivery),
+        )
         self._leave_queues(delivery)
         self._give(delivery, slot, is_there=is_there)
         self._facts.extend(dropped or ())
         return slot
 
-    # --- messages ahead: see ahead.py ------------------------------------------------------------------------------
+    # --- messages ahead: see ahead.py -------------------------------------------------------------
 
     def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
-        """The delivery of that number, which a slot that handles nothing has begun without being told to."""
+        """The delivery of that number, which a slot that handles nothing has begun without being
+        told to.
+        """
         resource, first = slot.resource, first_ahead(slot)
         if first is None or first.given_as != number or resource is None or not slot.has_room:
             return None
-        if self.to_offer and self.to_offer[-1] == (resource, slot):  # as most: what it had before has just returned
+        if self.to_offer and self.to_offer[-1] == (
+            resource,
+            slot,
+        ):  # as most: what it had before has just returned
             self.to_offer.pop()
         resource.free_slot(slot)
         self._take_next(first, resource)
@@ -235,15 +291,22 @@ class Dispatcher(Stored):
             resource.is_recalling = False
             self._facts.append(Recalling(resource.module, resource.name, is_over=True))
 
-    def take_back(self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool) -> list[Delivery]:
-        """A slot gives back deliveries of these numbers, which wait as before; where it *is answer* to a recall, it has
-        begun what it keeps. Those that it is not to have again are returned, out of their queue.
+    def take_back(
+        self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
+    ) -> list[Delivery]:
+        """A slot gives back deliveries of these numbers, which wait as before; where it *is answer*
+        to a recall, it has begun what it keeps. Those that it is not to have again are returned,
+        out of their queue.
         """
         resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
             return []
         numbers = set(unbegun)
-        given_back = [(one, resource.take_back(one)) for one in list(resource.ahead) if one.given_as in numbers]
+        given_back = [
+            (one, resource.take_back(one))
+            for one in list(resource.ahead)
+            if one.given_as in numbers
+        ]
         for delivery, dropped in given_back:
             if dropped is not None:  # nobody wants it any more
                 self.withdraw(delivery, dropped=dropped)
@@ -265,9 +328,11 @@ class Dispatcher(Stored):
     def go_on(self, modules: Iterable[Module]) -> None:
         """Let tasks start again."""
         self.is_holding = False
-        self.to_offer.extend((resource, None) for module in modules for resource in module.resources.values())
+        self.to_offer.extend(
+            (resource, None) for module in modules for resource in module.resources.values()
+        )
 
-    # --- claims ----------------------------------------------------------------------------------------------------
+    # --- claims -----------------------------------------------------------------------------------
 
     def claim(self, claim: ModuleClaim) -> None:
         """Let a claim wait for its turn."""
@@ -283,9 +348,12 @@ class Dispatcher(Stored):
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
-    def withdraw(self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()) -> None:
-        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later. What a
-        slot has ahead waits until that gives it back, or has begun it. Then these facts are recorded.
+    def withdraw(
+        self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()
+    ) -> None:
+        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the
+        others for later. What a slot has ahead waits until that gives it back, or has begun it.
+        Then these facts are recorded.
         """
         if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
             return
@@ -308,7 +376,9 @@ class Dispatcher(Stored):
 
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
-        """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
+        """Whether too much waits already where a message of this type (for these *targets* only)
+        would have to wait.
+        """
         if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
         for resource in targets or message.candidates:  # noqa: SIM110 - all() costs twice as much
@@ -316,7 +386,7 @@ class Dispatcher(Stored):
                 return False
         return True
 
-    # --- slots and handlers come and go ----------------------------------------------------------------------------
+    # --- slots and handlers come and go -----------------------------------------------------------
 
     def add_slot(self, slot: Connection, resource: ModuleResource) -> None:
         """A connection offers to handle messages for a resource."""
@@ -328,7 +398,9 @@ class Dispatcher(Stored):
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
-        """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
+        """A connection is gone; the deliveries that it had (a nested one is newer than the one it
+        is nested in).
+        """
         ahead: list[Delivery] = []
         if slot.resource is not None:
             ahead = self._take_all_back(slot, slot.resource)
@@ -393,15 +465,21 @@ class Dispatcher(Stored):
 
     def strand_all(self, messages: Iterable[MessageType]) -> None:
         """List each exception handler that waits for a handler, now that a module is gone."""
-        waiting = (one for message in messages for one in message.waiting.values() if one.is_stranded)
+        waiting = (
+            one for message in messages for one in message.waiting.values() if one.is_stranded
+        )
         self.stranded.clear()
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
-    def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues; but those
-        that a slot has ahead.
+    def _take_queued(
+        self, message: MessageType, only: ModuleResource | None = None
+    ) -> list[Delivery]:
+        """The deliveries of a message that wait (for one resource *only*), oldest first, out of
+        their queues; but those that a slot has ahead.
         """
-        ahead = {one for resource in ([only] if only else _resources(message)) for one in resource.ahead}
+        ahead = {
+            one for resource in ([only] if only else _resources(message)) for one in resource.ahead
+        }
         queued = [one for one in self.queued(message, only) if one not in ahead]
         message.waiting.clear()
         for delivery in queued:
@@ -412,7 +490,9 @@ class Dispatcher(Stored):
     def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first."""
         resources = [only] if only else _resources(message)
-        found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
+        found = {
+            d.id: d for resource in resources for d in resource.queued() if d.message is message
+        }
         found.update(message.waiting)
         return sorted(found.values(), key=lambda delivery: delivery.arrival)
 
@@ -437,7 +517,9 @@ def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """The sender's own slot, if it blocks for this answer there. Its question ignores capacity and reservations."""
+    """The sender's own slot, if it blocks for this answer there. Its question ignores capacity and
+    reservations.
+    """
     sender = delivery.sender
     if (
         not delivery.message.message_class.has_reply

@@ -1,8 +1,9 @@
 """Holds on moments: constraints put in force, undone, and handed on by killed tasks.
 
-Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six counters packed into
-one integer); every task lists the points that wait for its own (``Task.followers``). A constraint with a delay lets its
-follower go by a timer, set when the leader's point is reached. Knows points; nothing of handlers or resources.
+Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six
+counters packed into one integer); every task lists the points that wait for its own
+(``Task.followers``). A constraint with a delay lets its follower go by a timer, set when the
+leader's point is reached. Knows points; nothing of handlers or resources.
 """
 
 from itertools import pairwise
@@ -43,13 +44,19 @@ from tca_wire.vocabulary import Due, Refusal
 SEQ_ACH, SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
 PLAN_FIRST, DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
 
-_SEQUENCES = ((SEQ_ACH, END_ACHIEVING, START_ACHIEVING), (SEQ_PLANNING, END_PLANNING, START_PLANNING))
-"""The flags that put a task behind its last sibling: which moment of that holds back which of its own."""
+_SEQUENCES = (
+    (SEQ_ACH, END_ACHIEVING, START_ACHIEVING),
+    (SEQ_PLANNING, END_PLANNING, START_PLANNING),
+)
+"""The flags that put a task behind its last sibling: which moment of that holds back which of its
+own.
+"""
 
 _MOMENT = {int(moment): moment for moment in Moment}
 _BITS = 24
-"""Per counter of ``held``: 16 million constraints on one point. A waiting task takes 1,003 bytes with the counters in
-one integer, and 1,183 with a dict of them, at the same speed (dev/benchmarks/core_events.py).
+"""Per counter of ``held``: 16 million constraints on one point. A waiting task takes 1,003 bytes
+with the counters in one integer, and 1,183 with a dict of them, at the same speed
+(dev/benchmarks/core_events.py).
 """
 _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
@@ -84,10 +91,11 @@ class Holds(Stored):
         """By task: number of its followers that were killed while they waited, and have ended."""
         self.ending: dict[Task, None] = {}  #: killed tasks that end as soon as they are looked at
 
-    # --- putting in force ------------------------------------------------------------------------------------------
+    # --- putting in force -------------------------------------------------------------------------
 
     def add(self, constraint: Constraint) -> list[Constraint]:
-        """Put one constraint in force; all that hold anything by it, [] if it is met already or void.
+        """Put one constraint in force; all that hold anything by it, [] if it is met already or
+        void.
 
         Raises RequestError if it can never be met, or comes too late.
         """
@@ -102,18 +110,24 @@ class Holds(Stored):
         if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
             return [constraint] if self._delay_planning(task, constraint) else []
         if task.held >> _SHIFT[moment] & _COUNTER == _COUNTER:
-            raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
+            raise RequestError(
+                Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already"
+            )
         if before is None or before.task.reached & before.moment:
             return [self._delay(constraint, task, moment)]
         self._refuse_cycles(constraint, after, before)
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
-        inherited = self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
+        inherited = (
+            self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
+        )
         return [constraint, *inherited]
 
     def follow(self, task: Task, last: Task, flags: int) -> list[Constraint]:
-        """Put a new task behind its last sibling as *flags* say; what that adds. It can close no circle."""
+        """Put a new task behind its last sibling as *flags* say; what that adds. It can close no
+        circle.
+        """
         added = []
         for flag, its_moment, moment in _SEQUENCES:
             if flags & flag and not (last.reached & its_moment or task.reached & moment):
@@ -134,8 +148,12 @@ class Holds(Stored):
         release = PendingDelay(task, moment, constraint)
         Plans.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
 
-    def hold(self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0) -> None:
-        """From now on *moment* of *task* waits for *its_moment* of *leader*, and *delay* seconds more."""
+    def hold(
+        self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0
+    ) -> None:
+        """From now on *moment* of *task* waits for *its_moment* of *leader*, and *delay* seconds
+        more.
+        """
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((its_moment, task, moment, delay))
@@ -146,7 +164,10 @@ class Holds(Stored):
             task.leaders = []
         task.leaders.append((moment, leader.id, its_moment))
         task.held += 1 << _SHIFT[moment]
-        if len(task.leaders) > VOID_ENTRIES and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES:
+        if (
+            len(task.leaders) > VOID_ENTRIES
+            and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES
+        ):
             task.leaders = [entry for entry in task.leaders if self._is_ahead(entry)]
 
     def _is_ahead(self, leading: tuple[int, int, int]) -> bool:
@@ -155,7 +176,9 @@ class Holds(Stored):
         return leader is not None and not leader.reached & leading[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
-        """Let planning and achieving start group: a hold on either holds both. Whether that is new."""
+        """Let planning and achieving start group: a hold on either holds both. Whether that is
+        new.
+        """
         if task.delayed:
             return False
         if task.children or task.followers:
@@ -166,10 +189,14 @@ class Holds(Stored):
         return True
 
     def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
-        """Raises RequestError if a constraint can never be met. The constraints of a killed task are inherited."""
+        """Raises RequestError if a constraint can never be met. The constraints of a killed task
+        are inherited.
+        """
         self._refuse_cycle(constraint, after, before)
         if before.task.killed:
-            for (_, its_moment), leader in self._what_holds(*before, _KilledTogether(set(), {})).items():
+            for (_, its_moment), leader in self._what_holds(
+                *before, _KilledTogether(set(), {})
+            ).items():
                 self._refuse_cycle(constraint, after, Place(leader, its_moment))
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
@@ -179,7 +206,9 @@ class Holds(Stored):
             circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
-            text = f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
+            text = (
+                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
+            )
             raise RequestError(Refusal.CYCLE, text + _of_monitor(path))
 
     def undo(self, added: list[Constraint]) -> None:
@@ -192,7 +221,11 @@ class Holds(Stored):
                 continue
             before = self.place(constraint.before)
             assert before is not None
-            if before == (after.task, START_ACHIEVING) and after.moment == START_PLANNING and not constraint.delay:
+            if (
+                before == (after.task, START_ACHIEVING)
+                and after.moment == START_PLANNING
+                and not constraint.delay
+            ):
                 after.task.delayed = False
                 continue
             assert before.task.followers is not None
@@ -204,26 +237,34 @@ class Holds(Stored):
 
     def _undo_delay(self, task: Task, constraint: Constraint) -> None:
         pending = Plans.of(task).pending
-        for release in [one for one in pending if isinstance(one, PendingDelay) and one.constraint is constraint]:
+        for release in [
+            one for one in pending if isinstance(one, PendingDelay) and one.constraint is constraint
+        ]:
             timer = pending.pop(release)
             assert isinstance(timer, Timer)
             self._clock.cancel(timer)
             task.held -= 1 << _SHIFT[release.moment]
 
-    # --- letting go ------------------------------------------------------------------------------------------------
+    # --- letting go -------------------------------------------------------------------------------
 
     def release_followers(self, task: Task, moments: int) -> list[Task]:
-        """*task* has reached *moments*: whoever waited for them and for no delay is held less; those tasks."""
+        """*task* has reached *moments*: whoever waited for them and for no delay is held less;
+        those tasks.
+        """
         assert task.followers is not None
         freed = []
         for at, follower, its_moment, delay in task.followers:
-            if not at & moments or (delay and self._has_delay_left(task, at, follower, its_moment, delay)):
+            if not at & moments or (
+                delay and self._has_delay_left(task, at, follower, its_moment, delay)
+            ):
                 continue
             follower.held -= 1 << _SHIFT[its_moment]
             if not follower.held:
                 follower.leaders = None
             freed.append(follower)
-        self._keep_followers(task, [follower for follower in task.followers if not follower[0] & moments])
+        self._keep_followers(
+            task, [follower for follower in task.followers if not follower[0] & moments]
+        )
         return freed
 
     def _keep_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
@@ -232,8 +273,12 @@ class Holds(Stored):
         if not left and self.ended_followers:
             self.ended_followers.pop(leader, None)
 
-    def _has_delay_left(self, task: Task, at: int, follower: Task, its_moment: int, delay: float) -> bool:
-        """Whether a follower is held for the delay, too; after a point that never came it is void."""
+    def _has_delay_left(
+        self, task: Task, at: int, follower: Task, its_moment: int, delay: float
+    ) -> bool:
+        """Whether a follower is held for the delay, too; after a point that never came it is
+        void.
+        """
         if follower.reached == ALL_MOMENTS:
             return True
         constraint = _constraint(task, at, follower, its_moment, delay)
@@ -253,7 +298,9 @@ class Holds(Stored):
             release.task.leaders = None
 
     def forget(self, task: Task) -> None:
-        """Clear what a killed task waited for. Its leaders' lists are cleaned when half of them is void."""
+        """Clear what a killed task waited for. Its leaders' lists are cleaned when half of them is
+        void.
+        """
         for entry in task.leaders or ():
             leader = self.tree.tasks.get(entry[1])
             if leader is None or leader.reached & entry[2] or not leader.followers:
@@ -261,35 +308,55 @@ class Holds(Stored):
             ended = self.ended_followers.get(leader, 0) + 1
             self.ended_followers[leader] = ended
             if ended > len(leader.followers) // 2 + VOID_ENTRIES:
-                self._keep_followers(leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS])
+                self._keep_followers(
+                    leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS]
+                )
                 self.ended_followers.pop(leader, None)
         task.leaders = None
 
-    # --- killed tasks ----------------------------------------------------------------------------------------------
+    # --- killed tasks -----------------------------------------------------------------------------
 
     def bequeath(self, killed: list[Task]) -> None:
-        """Let the followers of killed tasks wait for what those waited for, so that a sequence keeps its order."""
+        """Let the followers of killed tasks wait for what those waited for, so that a sequence
+        keeps its order.
+        """
         self.ending.update(_ending(killed))
         group = _KilledTogether(set(killed), {})
         for task in killed:
             if task.leaders:
                 for at, follower, held, _ in list(task.followers or ()):
-                    if follower not in self.ending and (added := self.hand_on(task, at, follower, held, group)):
+                    if follower not in self.ending and (
+                        added := self.hand_on(task, at, follower, held, group)
+                    ):
                         self._facts.append(Constrained(added))
 
     def hand_on(
-        self, killed: Task, at: int, follower: Task, held: int, group: "_KilledTogether | None" = None
+        self,
+        killed: Task,
+        at: int,
+        follower: Task,
+        held: int,
+        group: "_KilledTogether | None" = None,
     ) -> list[Constraint]:
-        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
+        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or
+        before; by what.
+        """
         if follower.reached & held:
             return []
         holding = self._what_holds(killed, at, group or _KilledTogether(set(), {}))
         for (_, its_moment), leader in holding.items():
             self.hold(leader, its_moment, follower, held)
-        return [_constraint(leader, its_moment, follower, held) for (_, its_moment), leader in holding.items()]
+        return [
+            _constraint(leader, its_moment, follower, held)
+            for (_, its_moment), leader in holding.items()
+        ]
 
-    def _what_holds(self, killed: Task, at: int, group: "_KilledTogether") -> "dict[tuple[int, int], Task]":
-        """The leaders that a killed task's moment waits for, also by way of others killed with it."""
+    def _what_holds(
+        self, killed: Task, at: int, group: "_KilledTogether"
+    ) -> "dict[tuple[int, int], Task]":
+        """The leaders that a killed task's moment waits for, also by way of others killed with
+        it.
+        """
         origin, known = (int(killed.id), at), group.known
         if origin in known:
             return known[origin]
@@ -312,7 +379,7 @@ class Holds(Stored):
         known[origin] = found
         return found
 
-    # --- points ----------------------------------------------------------------------------------------------------
+    # --- points -----------------------------------------------------------------------------------
 
     def before(self, constraint: Constraint) -> Place | None:
         """The point that a constraint waits for; None if that is past."""
@@ -320,22 +387,32 @@ class Holds(Stored):
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
             return None
-        raise RequestError(Refusal.CYCLE, "a constraint waits for the end of the root, which never ends")
+        raise RequestError(
+            Refusal.CYCLE, "a constraint waits for the end of the root, which never ends"
+        )
 
     def _without_void_delay(self, constraint: Constraint) -> Constraint:
         """The constraint; without its delay if that would count from a point that never comes."""
         checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
-        return Constraint(constraint.before, constraint.after) if self._never_comes(constraint.before) else constraint
+        return (
+            Constraint(constraint.before, constraint.after)
+            if self._never_comes(constraint.before)
+            else constraint
+        )
 
     def _to_come(self, constraint: Constraint, after: Place | None) -> Place | None:
-        """The point that a constraint holds back; None if its interval never begins, as its task was killed before.
+        """The point that a constraint holds back; None if its interval never begins, as its task
+        was killed before.
 
         Raises RequestError if it is past.
         """
         if self._never_comes(constraint.after):
             return None
         if after is None or after.task.reached & after.moment:
-            raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
+            raise RequestError(
+                Refusal.TOO_LATE,
+                f"constraint {constraint} comes too late: {constraint.after} is past",
+            )
         return after
 
     def _never_comes(self, point: Point) -> bool:
@@ -350,19 +427,25 @@ class Holds(Stored):
 
 
 class _KilledTogether(NamedTuple):
-    """Tasks that are killed at once; *known* are the leaders that were found, by task and moment."""
+    """Tasks that are killed at once; *known* are the leaders that were found, by task and
+    moment.
+    """
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
 def _ending(killed: list[Task]) -> dict[Task, None]:
-    """The tasks among those just killed that end at once: nothing of them, or under them, still runs or watches."""
+    """The tasks among those just killed that end at once: nothing of them, or under them, still
+    runs or watches.
+    """
     staying: set[Task] = set()
     doomed = set(killed)
     for task in reversed(killed):
         is_left = task.watch is not None or (task.plans is not None and task.plans.farewells)
-        others = any(child not in doomed or child in staying for child in (task.children or {}).values())
+        others = any(
+            child not in doomed or child in staying for child in (task.children or {}).values()
+        )
         if task.is_running or is_left or others:
             staying.add(task)
     return {task: None for task in killed if task not in staying}
@@ -377,8 +460,12 @@ def _of_monitor(path: list[Place]) -> str:
     return ""
 
 
-def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0) -> Constraint:
-    return Constraint(Point(leader.id, _MOMENT[its_moment]), Point(follower.id, _MOMENT[moment]), delay)
+def _constraint(
+    leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0
+) -> Constraint:
+    return Constraint(
+        Point(leader.id, _MOMENT[its_moment]), Point(follower.id, _MOMENT[moment]), delay
+    )
 
 
 def is_held(task: Task, moment: int) -> bool:
@@ -393,7 +480,11 @@ def has_held_start(task: Task) -> bool:
 
 def held_counts(task: Task) -> dict[int, int]:
     """The number of unmet constraints per moment of a task; for checks and questions."""
-    return {moment: count for moment, shift in _SHIFT.items() if (count := task.held >> shift & _COUNTER)}
+    return {
+        moment: count
+        for moment, shift in _SHIFT.items()
+        if (count := task.held >> shift & _COUNTER)
+    }
 
 
 def from_flags(flags: int, task: Task) -> list[Constraint]:

@@ -1,6 +1,7 @@
 """Waits until messages are handled, and notices when that changes.
 
-A message is handled as long as a handler of it has a slot to be called in; ``MessageType.serving`` counts those.
+A message is handled as long as a handler of it has a slot to be called in; ``MessageType.serving``
+counts those.
 """
 
 from collections.abc import Iterable
@@ -22,7 +23,9 @@ MOST_AWAITED = 1000
 """Messages in one request."""
 
 
-def on_wait_until_handled(central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes) -> None:
+def on_wait_until_handled(
+    central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes
+) -> None:
     """A module waits until somebody handles all messages that it needs."""
     if len(header.messages) > MOST_AWAITED:
         text = f"{len(header.messages)} messages in one wait: {MOST_AWAITED} are allowed, send several requests"
@@ -30,7 +33,9 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
     known = central.registry.messages
     for name in header.messages:
         if name not in known:
-            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
+            raise RequestError(
+                Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first"
+            )
     messages = [known[name] for name in dict.fromkeys(header.messages)]
     central.check_declared(presence_size(messages))
     if all(message.serving for message in messages):
@@ -40,20 +45,26 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(*_as_fact(wait)))
-    central.block(connection, header.number, header.origin, brief=True)  # no deadlock: somebody may come
+    central.block(
+        connection, header.number, header.origin, brief=True
+    )  # no deadlock: somebody may come
     if wait.promised:
         _warn_of_circle(central, wait)
 
 
 def _warn_of_circle(central: State, newest: PresenceWait) -> None:
     """Warn modules that wait for each other. Nothing is refused: another module may still come."""
-    left = {wait: None for message in central.registry.messages.values() for wait in message.awaited_by}
+    left = {
+        wait: None for message in central.registry.messages.values() for wait in message.awaited_by
+    }
     promisers: dict[str, list[PresenceWait]] = {}
     for wait in left:
         for name in wait.promised:
             promisers.setdefault(name, []).append(wait)
     # Until only those are left of which each waits for what only others of them will handle.
-    while len(stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}) < len(left):
+    while len(
+        stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}
+    ) < len(left):
         left = dict.fromkeys(stuck)
     circle: dict[PresenceWait, str] = {}
     while newest in stuck and newest not in circle:
@@ -69,7 +80,9 @@ def _warn_of_circle(central: State, newest: PresenceWait) -> None:
 def _held_by(
     wait: PresenceWait, promisers: dict[str, list[PresenceWait]], among: Iterable[PresenceWait]
 ) -> tuple[str, PresenceWait] | None:
-    """A message that a wait is for and nobody handles, and one who promises it, where all who do are *among* these."""
+    """A message that a wait is for and nobody handles, and one who promises it, where all who do
+    are *among* these.
+    """
     for message in wait.messages:
         others = promisers.get(message.name, ())
         if others and not message.serving and all(other in among for other in others):
@@ -90,8 +103,14 @@ def _as_fact(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
 
 
 def tell_changes(central: State) -> None:
-    """Tell whoever wants to know which messages are handled by more or fewer than before the event."""
-    changed = [(message, before) for message, before in central.dispatcher.changed.items() if message.serving != before]
+    """Tell whoever wants to know which messages are handled by more or fewer than before the
+    event.
+    """
+    changed = [
+        (message, before)
+        for message, before in central.dispatcher.changed.items()
+        if message.serving != before
+    ]
     central.dispatcher.changed.clear()
     waits: dict[PresenceWait, None] = {}
     for message, before in changed:

@@ -1,4 +1,6 @@
-"""Messages that central makes itself, notices among them; copies for many handlers; and the suspension of handlers."""
+"""Messages that central makes itself, notices among them; copies for many handlers; and the
+suspension of handlers.
+"""
 
 from collections.abc import Callable
 
@@ -28,12 +30,16 @@ def copy_of(central: State, original: Delivery) -> Delivery:
 
 def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
     """One delivery for each handler that has somebody to handle it."""
-    targets = [handler.resource for handler in original.message.handlers if handler.resource.capacity]
+    targets = [
+        handler.resource for handler in original.message.handlers if handler.resource.capacity
+    ]
     return [(copy_of(central, original), target) for target in targets]
 
 
 def route_statement(central: State, original: Delivery) -> None:
-    """Send an inform on its way to its handler, or a broadcast to every handler. Too much of it is dropped."""
+    """Send an inform on its way to its handler, or a broadcast to every handler. Too much of it is
+    dropped.
+    """
     message = original.message
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
@@ -46,15 +52,21 @@ def route_statement(central: State, original: Delivery) -> None:
         central.facts.append(dropped_fact(original, "nobody listens"))
 
 
-def why_kept_out(central: State, message: MessageType, body: bytes, *targets: ModuleResource) -> str:
-    """The reason why no more messages of a type (for *targets* only) are let in; "" if there is room."""
+def why_kept_out(
+    central: State, message: MessageType, body: bytes, *targets: ModuleResource
+) -> str:
+    """The reason why no more messages of a type (for *targets* only) are let in; "" if there is
+    room.
+    """
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
     return central.why_no_room(len(body))
 
 
 def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> str:
-    """The reason why an inform, or a broadcast at all who handle it, would be dropped; "" if somebody has room."""
+    """The reason why an inform, or a broadcast at all who handle it, would be dropped; "" if
+    somebody has room.
+    """
     if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
         return why
     is_full = central.dispatcher.is_full
@@ -67,11 +79,18 @@ def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> st
 
 
 def make_task(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
-    context: Context | None = None, prepare: Callable[[Task], None] = lambda _: None,
-) -> Task:  # fmt: skip
-    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above it. *prepare* is
-    called with it before it is in the tree.
+    central: State,
+    message: MessageType,
+    body: bytes,
+    parent: Task,
+    role: Role,
+    *,
+    about: Delivery | None = None,
+    context: Context | None = None,
+    prepare: Callable[[Task], None] = lambda _: None,
+) -> Task:
+    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above
+    it. *prepare* is called with it before it is in the tree.
     """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
@@ -82,23 +101,39 @@ def make_task(
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
-        task.id, message.name, message.message_class, CENTRAL, parent.id, 0, False, body, constraints, role,
+        task.id,
+        message.name,
+        message.message_class,
+        CENTRAL,
+        parent.id,
+        0,
+        False,
+        body,
+        constraints,
+        role,
         about.message_id,
-    )  # fmt: skip
+    )
     central.facts[mark:mark] = [birth, *at_birth(task)]
     central.tell_birth(task)
     return task
 
 
 def _tap_depth(central: State, about: Delivery, role: Role) -> int:
-    """The tap depth of what central sends for *about*, or for a handler that asks for it just now."""
+    """The tap depth of what central sends for *about*, or for a handler that asks for it just
+    now.
+    """
     return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
 
 
 def make_delivery(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None,
+    central: State,
+    message: MessageType,
+    body: bytes,
+    role: Role,
+    *,
+    about: Delivery | None,
     context: Context | None = None,
-) -> Delivery:  # fmt: skip
+) -> Delivery:
     """A new message that is no task, recorded but not on its way yet."""
     made = Delivery(central.new_id(), message, body, None)
     made.role, made.context = role, context
@@ -106,16 +141,31 @@ def make_delivery(
     made.tap_depth = _tap_depth(central, about, role) if about is not None else 0
     number = about.message_id if about is not None else 0
     birth = facts.Received(
-        made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, number
-    )  # fmt: skip
+        made.id,
+        message.name,
+        message.message_class,
+        CENTRAL,
+        ROOT,
+        0,
+        False,
+        body,
+        [],
+        role,
+        number,
+    )
     central.facts.append(birth)
     return made
 
 
 def make_statement(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None,
+    central: State,
+    message: MessageType,
+    body: bytes,
+    role: Role,
+    *,
+    about: Delivery | None,
     context: Context | None = None,
-) -> Delivery:  # fmt: skip
+) -> Delivery:
     """A new inform or broadcast, on its way to whoever handles it."""
     made = make_delivery(central, message, body, role, about=about, context=context)
     route_statement(central, made)
@@ -130,7 +180,13 @@ def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
 
 
 def make(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, context: Context | None = None
+    central: State,
+    message: MessageType,
+    body: bytes,
+    parent: Task,
+    role: Role,
+    *,
+    context: Context | None = None,
 ) -> Delivery:
     """A new task under *parent* or, if the message is none, a new statement."""
     if message.message_class.is_task:
@@ -144,7 +200,9 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """The facts of the moments that a new task has reached already, and of a monitor that is waited for, or spared."""
+    """The facts of the moments that a new task has reached already, and of a monitor that is waited
+    for, or spared.
+    """
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []
@@ -155,7 +213,7 @@ def at_birth(task: Task) -> list[facts.Fact]:
 
 def suspend(
     central: State, task: Task, *, resume: bool = False, by: str = CENTRAL, at_birth: bool = False
-) -> None:  # fmt: skip
+) -> None:
     """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:

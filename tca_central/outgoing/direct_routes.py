@@ -1,9 +1,10 @@
 """Routes for messages that go from module to module directly (TCA 8.5: direct connections).
 
-Central gives a *route*, the entrances of the slots that may be sent a message, to whoever sends such a message through
-central; as long as that is so, it tells them of every change. A message has a route if its newest handler wants it
-and nothing has to see it on its way: no wiretap, no pending limit, no lock, no other handler that shares it. What has
-been told is only a licence: a sender may use central at any time, and does until it has reached an entrance.
+Central gives a *route*, the entrances of the slots that may be sent a message, to whoever sends
+such a message through central; as long as that is so, it tells them of every change. A message has
+a route if its newest handler wants it and nothing has to see it on its way: no wiretap, no pending
+limit, no lock, no other handler that shares it. What has been told is only a licence: a sender may
+use central at any time, and does until it has reached an entrance.
 """
 
 import math
@@ -34,20 +35,27 @@ from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Perm
 
 def check_entrance(entrance: Entrance) -> None:
     """Raises RequestError if modules can't be sent there."""
-    is_address = entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
-    if not is_address or max(map(len, (entrance.endpoint, entrance.key, entrance.curve))) > 2 * Limit.NAME:
+    is_address = (
+        entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
+    )
+    if (
+        not is_address
+        or max(map(len, (entrance.endpoint, entrance.key, entrance.curve))) > 2 * Limit.NAME
+    ):
         text = f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
         raise RequestError(Refusal.PROTOCOL, text)
 
 
 def own_entrance(central: State, header: Hello) -> Entrance | None:
-    """The entrance that a new slot names, unless that is another one's: when this slot went, they would be told that
-    the other one had.
+    """The entrance that a new slot names, unless that is another one's: when this slot went, they
+    would be told that the other one had.
     """
     wanted = header.entrance
     if wanted is None:
         return None
-    others = (one.entrance for one in central.registry.connections.values() if one.entrance is not None)
+    others = (
+        one.entrance for one in central.registry.connections.values() if one.entrance is not None
+    )
     return None if any(other.endpoint == wanted.endpoint for other in others) else wanted
 
 
@@ -59,7 +67,7 @@ def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
         raise RequestError(Refusal.PROTOCOL, text)
 
 
-# --- routes ----------------------------------------------------------------------------------------------------------
+# --- routes ---------------------------------------------------------------------------------------
 
 
 def route_of(message: MessageType) -> tuple[Connection, ...]:
@@ -76,7 +84,9 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
 
 
 def review(central: State, messages: Iterable[MessageType]) -> None:
-    """The handlers, slots or wiretaps of messages have changed: whoever knows their routes learns the new ones."""
+    """The handlers, slots or wiretaps of messages have changed: whoever knows their routes learns
+    the new ones.
+    """
     for message in messages:
         if (route := route_of(message)) != message.route:
             message.route = route
@@ -98,7 +108,9 @@ def review_copies(central: State, resource: Resource[Connection, Delivery]) -> N
 
 
 def tell_sender(central: State, connection: Connection, message: MessageType) -> None:
-    """A connection has sent a message through central that has a route: it may do without central from now on."""
+    """A connection has sent a message through central that has a route: it may do without central
+    from now on.
+    """
     if connection not in message.senders_told:
         message.senders_told[connection] = None
         connection.routes[message] = None
@@ -107,13 +119,17 @@ def tell_sender(central: State, connection: Connection, message: MessageType) ->
 
 def _say_route(central: State, connection: Connection, message: MessageType) -> None:
     route = message.route
-    if connection.resource is not None and any(slot.resource is connection.resource for slot in route):
+    if connection.resource is not None and any(
+        slot.resource is connection.resource for slot in route
+    ):
         route = ()  # a resource handles its own query inside its wait: that needs central
     if not all(_may_reach(connection, slot) for slot in route):
         route = ()
     for slot in route:
         _watch(connection, slot)
-    entrances = [_licensed(central, connection, slot.entrance) for slot in route if slot.entrance is not None]
+    entrances = [
+        _licensed(central, connection, slot.entrance) for slot in route if slot.entrance is not None
+    ]
     central.tell(connection, Route(message.name, entrances))
 
 
@@ -132,7 +148,7 @@ def forget_sender(connection: Connection) -> None:
     connection.watches.clear()
 
 
-# --- licences --------------------------------------------------------------------------------------------------------
+# --- licences -------------------------------------------------------------------------------------
 
 
 def _may_reach(connection: Connection, slot: Connection) -> bool:
@@ -158,7 +174,9 @@ def _number(central: State, number: int) -> str:
 
 
 def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
-    """These licences are not valid any more. Who is connected, and may still send directly, gets another one *anew*."""
+    """These licences are not valid any more. Who is connected, and may still send directly, gets
+    another one *anew*.
+    """
     if not numbers:
         return
     central.registry.permissions.bar(numbers)
@@ -183,12 +201,16 @@ def tell_barred(central: State, slot: Connection) -> None:
 def bar_owners(central: State, principals: Iterable[str]) -> None:
     """The keys of these are revoked; their connections end next, and get nothing more."""
     gone = dict.fromkeys(principals)
-    numbers = [number for number, owner in central.registry.permissions.licences.items() if owner in gone]
+    numbers = [
+        number for number, owner in central.registry.permissions.licences.items() if owner in gone
+    ]
     bar(central, numbers, anew=False)
 
 
 def review_licences(central: State) -> None:
-    """Permissions have changed: only those keep their licences who are here, and may still send all they reach."""
+    """Permissions have changed: only those keep their licences who are here, and may still send all
+    they reach.
+    """
     kept = {
         one.licence: None
         for one in central.registry.connections.values()
@@ -197,59 +219,86 @@ def review_licences(central: State) -> None:
     bar(central, [number for number in central.registry.permissions.licences if number not in kept])
 
 
-# --- entrances -------------------------------------------------------------------------------------------------------
+# --- entrances ------------------------------------------------------------------------------------
 
 
 def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
-    """A slot is gone, and its routes have been reviewed: who may have sent it queries learns that it answers none."""
+    """A slot is gone, and its routes have been reviewed: who may have sent it queries learns that
+    it answers none.
+    """
     if slot.entrance is not None:
-        gone = EntranceGone(slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost)
+        gone = EntranceGone(
+            slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost
+        )
         for connection in slot.watchers:
             del connection.watches[slot]
             central.tell(connection, gone)
         slot.watchers.clear()
 
 
-def on_watch_entrance(central: State, connection: Connection, header: WatchEntrance, _: bytes) -> None:
+def on_watch_entrance(
+    central: State, connection: Connection, header: WatchEntrance, _: bytes
+) -> None:
     """A sender comes back that has queries open at an entrance."""
-    for slot in central.registry.connections.values():  # seldom: once for each entrance after a break
+    for (
+        slot
+    ) in central.registry.connections.values():  # seldom: once for each entrance after a break
         if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
             _watch(connection, slot)
             return
     central.tell(connection, EntranceGone(header.endpoint, "the module was lost meanwhile"))
 
 
-# --- outcomes of direct messages -------------------------------------------------------------------------------------
+# --- outcomes of direct messages ------------------------------------------------------------------
 
 
 def _check_noted(header: Noted) -> None:
     """Raises RequestError if a report says what can't be."""
     if len(header.notes) + len(header.losses) > 2 * MOST_NOTES:
-        raise RequestError(Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several")
+        raise RequestError(
+            Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several"
+        )
     for note in header.notes:
         if not _is_time(note.ago) or not _is_time(note.seconds):
-            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times below 0 or too long")
+            raise RequestError(
+                Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times below 0 or too long"
+            )
         if note.size < 0:
-            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has {note.size} bytes of data")
+            raise RequestError(
+                Refusal.PROTOCOL, f"a note of '{note.message:.60}' has {note.size} bytes of data"
+            )
         check_name("message", note.message)
         check_name("module", note.sender)
         check_name("failure", note.failure, or_none=True)
     for loss in header.losses:
         check_name("message", loss.message, or_none=True)
         if not 0 <= loss.number <= MOST_LOST:
-            raise RequestError(Refusal.PROTOCOL, f"{loss.number} lost '{loss.message}': at most {MOST_LOST:,}")
+            raise RequestError(
+                Refusal.PROTOCOL, f"{loss.number} lost '{loss.message}': at most {MOST_LOST:,}"
+            )
 
 
 def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
     """A connection reports; the journal has it."""
     _check_noted(header)
-    module, resource = connection.module.name, connection.resource.name if connection.resource else ""
+    module, resource = (
+        connection.module.name,
+        connection.resource.name if connection.resource else "",
+    )
     for note in header.notes:
         ended = max(0.0, central.clock.now - note.ago)
         fact = facts.HandledDirectly(
-            note.message, module, resource, note.sender, note.origin, note.size, ended, note.seconds, note.outcome,
+            note.message,
+            module,
+            resource,
+            note.sender,
+            note.origin,
+            note.size,
+            ended,
+            note.seconds,
+            note.outcome,
             note.failure,
-        )  # fmt: skip
+        )
         central.facts.append(fact)
         _count(central, connection.resource, note)
     for loss in header.losses:

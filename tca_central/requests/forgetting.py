@@ -1,4 +1,6 @@
-"""Messages that nobody needs any more make room for new ones: their names are bounded, and their formats take bytes."""
+"""Messages that nobody needs any more make room for new ones: their names are bounded, and their
+formats take bytes.
+"""
 
 from collections.abc import Iterable, Iterator
 
@@ -11,17 +13,19 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 AT_ONCE = 1000
-"""So many are forgotten together, with what waits for their handlers, if so many can be: what it takes to find them is
-spent only now and then.
+"""So many are forgotten together, with what waits for their handlers, if so many can be: what it
+takes to find them is spent only now and then.
 """
 
 STEPS = 50
-"""So many things are looked at for each event that has been handled, where there is little to be forgotten."""
+"""So many things are looked at for each event that has been handled, where there is little to be
+forgotten.
+"""
 
 
 def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
-    """See that so many new names, and so many bytes more, can be declared: forget what nobody needs, but none of the
-    *needed* names. Raises RequestError if that is not enough.
+    """See that so many new names, and so many bytes more, can be declared: forget what nobody
+    needs, but none of the *needed* names. Raises RequestError if that is not enough.
     """
     known = central.registry
     if _fits(central, new, size):
@@ -41,7 +45,9 @@ def _fits(central: State, new: list[str], size: int) -> bool:
 
 
 def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) -> None:
-    """Walks over all that refers to messages: where that is in vain, or nearly so, not again soon."""
+    """Walks over all that refers to messages: where that is in vain, or nearly so, not again
+    soon.
+    """
     steps, known = 0, central.registry
     used: dict[MessageType, None] = {}
     for message in _used(central):
@@ -50,7 +56,9 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
     needed.update(part for message in used for part in message.parts)
     unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
     values = central.variables.values
-    unused.sort(key=lambda one: (one.name in values, len(one.waiting)))  # what loses least goes first, then the oldest
+    unused.sort(
+        key=lambda one: (one.name in values, len(one.waiting))
+    )  # what loses least goes first, then the oldest
     freed = 0
     for message in unused:
         if (freed >= AT_ONCE or message.name in values) and _fits(central, new, size):
@@ -77,11 +85,17 @@ def _forget(central: State, message: MessageType) -> None:
 
 
 def _used(central: State) -> Iterator[MessageType]:
-    """The messages that somebody declares, handles or waits for, that are on their way, or attached to something; but
-    informs that wait for a handler, if that is all.
+    """The messages that somebody declares, handles or waits for, that are on their way, or attached
+    to something; but informs that wait for a handler, if that is all.
     """
     for message in central.registry.messages.values():
-        if message.declarers or message.handlers or message.awaited_by or message.attached or message.taps:
+        if (
+            message.declarers
+            or message.handlers
+            or message.awaited_by
+            or message.attached
+            or message.taps
+        ):
             yield message
         if message.waiting and (message.message_class.is_task or message.message_class.has_reply):
             yield message
@@ -90,7 +104,9 @@ def _used(central: State) -> Iterator[MessageType]:
             yield from (delivery.message for delivery in resource.queued())
     yield from (delivery.message for delivery in central.dispatcher.running.values())
     for connection in central.registry.connections.values():
-        yield from (due.message for due in connection.outstanding.values() if isinstance(due, Collector))
+        yield from (
+            due.message for due in connection.outstanding.values() if isinstance(due, Collector)
+        )
     for task in central.tree.tasks.values():
         yield from _used_by(task)
     yield from (record.message for record in central.memory.kept.values())

@@ -1,4 +1,6 @@
-"""Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
+"""Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in
+core.py says which.
+"""
 
 from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
@@ -25,7 +27,14 @@ from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
 from tca_wire.messages.failures import MODULE_LOST, UNCERTAIN
-from tca_wire.messages.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Notice
+from tca_wire.messages.notices import (
+    COMMANDS,
+    MODULE_JOINED,
+    MODULE_LEFT,
+    Arrival,
+    Departure,
+    Notice,
+)
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Cancelled
 from tca_wire.packets.parts import HandlerFormat
@@ -35,17 +44,23 @@ from tca_wire.vocabulary import Limit, Outcome, Refusal
 MOST_AHEAD = 64
 """Messages that a slot is sent ahead, whatever it takes."""
 MOST_LATE = MOST_AHEAD + 8
-"""Answers of a lost connection that are expected to come all the same: of what it had ahead, and of nested ones."""
+"""Answers of a lost connection that are expected to come all the same: of what it had ahead, and of
+nested ones.
+"""
 
 
-def greet(central: State, connection_id: ConnectionId, header: headers.Hello, principal: str) -> None:
+def greet(
+    central: State, connection_id: ConnectionId, header: headers.Hello, principal: str
+) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
     _check(header)
     session = f"{header.incarnation}/{header.connection}"
     _check_owner(central, header, session, principal)
     rights = _rights(central, header, principal)
-    module, is_new = registry.module(header.module or "module", header.incarnation, header.process, principal)
+    module, is_new = registry.module(
+        header.module or "module", header.incarnation, header.process, principal
+    )
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process, principal))
         _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
@@ -58,7 +73,9 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
         central.hold.awaited.pop(connection, None)
     else:
         connection = Connection(connection_id, session, module, header.connection)
-        connection.entrance = direct_routes.own_entrance(central, header) if header.resource else None
+        connection.entrance = (
+            direct_routes.own_entrance(central, header) if header.resource else None
+        )
         if connection.entrance is None:  # else it may be busy with what central does not know
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         connection.hung_after = header.hung_after if header.resource else 0.0
@@ -77,7 +94,9 @@ def _tell_again(central: State, connection: Connection) -> None:
     for number, taken in connection.lost_claims.items():
         central.tell(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.running.values()):
-        if delivery.slot is connection:  # it may have been lost on the way; a slot that has it ignores it
+        if (
+            delivery.slot is connection
+        ):  # it may have been lost on the way; a slot that has it ignores it
             central.tell(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task):
                 tell_again(central, delivery)
@@ -120,7 +139,9 @@ def _check(header: headers.Hello) -> None:
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
-    """Raises RequestError if the module, or a lost connection of it, is somebody else's: nobody takes them over."""
+    """Raises RequestError if the module, or a lost connection of it, is somebody else's: nobody
+    takes them over.
+    """
     before = central.registry.lost.get(session)
     if before is not None and before.was_replaced:
         text = f"slot {header.connection} of module '{header.module}' was given up, for its handler did not return"
@@ -132,7 +153,9 @@ def _check_owner(central: State, header: headers.Hello, session: str, principal:
 
 
 def _rights(central: State, header: headers.Hello, principal: str) -> Rights | None:
-    """What the connection may do; None: everything. Raises RequestError if it may not be such a module."""
+    """What the connection may do; None: everything. Raises RequestError if it may not be such a
+    module.
+    """
     if central.registry.permissions.rules is None:
         return None
     known = central.registry.modules.get(header.incarnation)
@@ -149,12 +172,18 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
         central.answers.hand_on(before, connection)
         connection.last_number = before.last_number
         connection.tasks = before.tasks
-        connection.orphans, connection.late, connection.lost_claims = before.orphans, before.late, before.lost_claims
+        connection.orphans, connection.late, connection.lost_claims = (
+            before.orphans,
+            before.late,
+            before.lost_claims,
+        )
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
         resource = central.registry.resource(module, resource_name)
-        central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
+        central.facts.append(
+            facts.ResourceChanged(module.name, resource.name, resource.capacity + 1)
+        )
         central.dispatcher.add_slot(connection, resource)
         direct_routes.review_slots(central, connection)
 
@@ -162,7 +191,9 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
     """A connection that is known asks whether it still is."""
     direct_routes.forget_sender(connection)
-    welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
+    welcome = headers.Welcome(
+        header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
+    )
     central.tell(connection, welcome)
     direct_routes.tell_barred(central, connection)
 
@@ -173,7 +204,9 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
 
 
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
-    """A connection is gone. Its unfinished messages have failed (*lost*) or go to another handler."""
+    """A connection is gone. Its unfinished messages have failed (*lost*) or go to another
+    handler.
+    """
     module = connection.module
     central.untold.pop(connection, None)
     is_uncertain = connection in central.hold.awaited
@@ -187,7 +220,9 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        if module.connections:  # its exception handlers are passed over only when its slots are gone
+        if (
+            module.connections
+        ):  # its exception handlers are passed over only when its slots are gone
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
@@ -215,8 +250,8 @@ def on_grace_over(central: State, _: None) -> None:
 
 
 def on_hung(central: State, delivery: Delivery) -> None:
-    """A handler that should have returned has not, and nobody waits for it any more: its slot is given up, and its
-    module is told to put another in its place.
+    """A handler that should have returned has not, and nobody waits for it any more: its slot is
+    given up, and its module is told to put another in its place.
     """
     slot = delivery.slot
     if slot is None or slot.doubts.pop(delivery.given_as, None) is None or slot.resource is None:
@@ -232,16 +267,22 @@ def on_hung(central: State, delivery: Delivery) -> None:
 
 
 def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
-    """A connection is gone that had a delivery. If it comes back it may still answer, and learns why that is late."""
+    """A connection is gone that had a delivery. If it comes back it may still answer, and learns
+    why that is late.
+    """
     what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.given_as)
-    connection.late[delivery.given_as] = f"the answer of {what} came too late: the module had been lost ({why})"
+    connection.late[delivery.given_as] = (
+        f"the answer of {what} came too late: the module had been lost ({why})"
+    )
     if len(connection.late) > MOST_LATE:
         del connection.late[next(iter(connection.late))]
 
 
 def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> None:
-    """A module has lost a connection. If that was the last, all that it handled, had and kept is gone."""
+    """A module has lost a connection. If that was the last, all that it handled, had and kept is
+    gone.
+    """
     if module.connections:
         if not module.handlers and not module.has_slots:  # it only sends
             central.dispatcher.strand_all(central.registry.messages.values())
@@ -273,7 +314,11 @@ def _fail_or_drop(
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
     fire_after(central, delivery, RETURNED | FAILURE)
     text = f"module '{module.name}' was lost: {why}"
-    failure = RaisedFailure(UNCERTAIN, text, kinds=(MODULE_LOST,)) if is_uncertain else RaisedFailure(MODULE_LOST, text)
+    failure = (
+        RaisedFailure(UNCERTAIN, text, kinds=(MODULE_LOST,))
+        if is_uncertain
+        else RaisedFailure(MODULE_LOST, text)
+    )
     fail_delivery(central, delivery, failure)
 
 
@@ -282,17 +327,21 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    central.facts.append(facts.Unqueued(delivery.given_as))  # it may be held, or killed, before it is queued elsewhere
+    central.facts.append(
+        facts.Unqueued(delivery.given_as)
+    )  # it may be held, or killed, before it is queued elsewhere
     restart(central, delivery)
     if not delivery.killed:
         central.agenda.requeue(delivery)
 
 
-# --- messages and handlers -------------------------------------------------------------------------------------------
+# --- messages and handlers ------------------------------------------------------------------------
 
 
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
-    """A module declares messages and handlers: all of them or none; and says when it has attached all."""
+    """A module declares messages and handlers: all of them or none; and says when it has attached
+    all.
+    """
     module, registry = connection.module, central.registry
     new = {declared.name: declared for declared in header.messages}
     classes = {declared.name: declared.message_class for declared in header.messages}
@@ -316,7 +365,12 @@ def on_register(central: State, connection: Connection, header: headers.Register
         if is_new:
             central.facts.append(
                 facts.FormatDefined(
-                    message.name, message.message_class, declared.data, declared.reply, module.name, declared.life_cycle
+                    message.name,
+                    message.message_class,
+                    declared.data,
+                    declared.reply,
+                    module.name,
+                    declared.life_cycle,
                 )
             )
             forget_unfit_value(central, message)
@@ -336,14 +390,21 @@ def _make_room(central: State, header: headers.Register) -> None:
         return
     parts = [part for declared in header.messages for part in declared.parts]
     size = sum(map(type_size, header.messages)) if new else 0
-    make_room(central, new, size + (HANDLER_BYTES + RESOURCE_BYTES) * len(handled), [*names, *handled, *parts])
+    make_room(
+        central,
+        new,
+        size + (HANDLER_BYTES + RESOURCE_BYTES) * len(handled),
+        [*names, *handled, *parts],
+    )
 
 
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = central.registry.resource(module, handled.resource)
-    central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name, handled.accepts))
+    central.facts.append(
+        facts.HandlerAdded(handled.message, module.name, resource.name, handled.accepts)
+    )
     message = central.registry.messages[handled.message]
     handler = Handler(message, module, resource, handled)
     central.dispatcher.add_handler(handler)
@@ -351,7 +412,9 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     tell_new_watcher(central, handler)
 
 
-def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:
+def on_unregister(
+    central: State, connection: Connection, header: headers.Unregister, _: bytes
+) -> None:
     """A module stops handling messages; those under way are finished."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
@@ -368,7 +431,9 @@ def on_recalled(central: State, connection: Connection, header: headers.Recalled
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
-    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
+    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails
+    or is dropped.
+    """
     queued = central.dispatcher.remove_handlers(handlers)
     if queued:
         _send_elsewhere(central, queued, handlers[0].module.name)
@@ -376,7 +441,9 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
 
 
 def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:
-    """A module no longer handles what waited for it: that is routed again; what was meant for it alone ends."""
+    """A module no longer handles what waited for it: that is routed again; what was meant for it
+    alone ends.
+    """
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:
         if not delivery.message.fans_out:
@@ -389,7 +456,9 @@ def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:
-    """Route again what waited for handlers that are gone: exception handlers first, for that may end other tasks."""
+    """Route again what waited for handlers that are gone: exception handlers first, for that may
+    end other tasks.
+    """
     stranded = [delivery for delivery in queued if delivery.is_stranded]
     others = [delivery for delivery in queued if not delivery.is_stranded]
     central.dispatcher.route_all(stranded)

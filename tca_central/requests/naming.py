@@ -1,4 +1,6 @@
-"""Tasks that a connection names by the requests that sent them, for it has not been told of their ids yet."""
+"""Tasks that a connection names by the requests that sent them, for it has not been told of their
+ids yet.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
@@ -26,13 +28,13 @@ def with_ids(connection: Connection, header: Any) -> Any:
 
 
 def refuse_lost(lost: list[tuple[int, int]], header: Any) -> None:
-    """Raise RequestError where a header names a task that may have been, and was lost with what the disk lost."""
+    """Raise RequestError where a header names a task that may have been, and was lost with what the
+    disk lost.
+    """
     for field, _ in NAMING[type(header)]:
         for task in _named(getattr(header, field)):
             if any(first <= task <= last for first, last in lost):
-                text = (
-                    f"task {task} is lost: it was not on the disk, or left out, when central came back; send it again"
-                )
+                text = f"task {task} is lost: it was not on the disk, or left out, when central came back; send it again"
                 raise RequestError(Refusal.UNKNOWN, text)
 
 
@@ -65,7 +67,10 @@ def _point(connection: Connection, point: Point) -> Point:
 def _constraints(connection: Connection, constraints: list[Constraint]) -> list[Constraint]:
     if all(one.before.task >= THIS and one.after.task >= THIS for one in constraints):
         return constraints
-    return [Constraint(_point(connection, one.before), _point(connection, one.after), one.delay) for one in constraints]
+    return [
+        Constraint(_point(connection, one.before), _point(connection, one.after), one.delay)
+        for one in constraints
+    ]
 
 
 def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
@@ -74,8 +79,12 @@ def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
 
 
 _RESOLVERS: dict[Any, Callable[[Connection, Any], Any]] = {
-    TaskId: _task, Point: _point, Point | None: _point, list[Constraint]: _constraints, WatchOptions | None: _watch,
-}  # fmt: skip
+    TaskId: _task,
+    Point: _point,
+    Point | None: _point,
+    list[Constraint]: _constraints,
+    WatchOptions | None: _watch,
+}
 
 
 def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]], ...]:

@@ -13,25 +13,35 @@ from tca_wire.vocabulary import Permission
 
 
 def change_permissions(central: State, event: PermissionsChanged) -> None:
-    """New rules: they hold for those who are there, too. Handlers and wiretaps that they do not allow go; who may not
-    be here at all is cut off.
+    """New rules: they hold for those who are there, too. Handlers and wiretaps that they do not
+    allow go; who may not be here at all is cut off.
     """
     central.registry.permissions.rules = event.rules
-    central.facts.append(facts.PermissionsChanged(-1 if event.rules is None else len(event.rules), event.source))
+    central.facts.append(
+        facts.PermissionsChanged(-1 if event.rules is None else len(event.rules), event.source)
+    )
     for module in list(central.registry.modules.values()):
-        rights = None if event.rules is None else rights_of(event.rules, module.principal, module.called)
+        rights = (
+            None if event.rules is None else rights_of(event.rules, module.principal, module.called)
+        )
         is_out = event.rules is not None and rights is None
         for connection in list(module.connections.values()):
             connection.rights = rights
             if is_out:
-                disconnect(central, connection, "the permissions do not let it in any more", lost=True)
+                disconnect(
+                    central, connection, "the permissions do not let it in any more", lost=True
+                )
         if rights is not None:
             _take_away(central, module, rights)
     direct_routes.review_licences(central)
 
 
 def _take_away(central: State, module: Module, rights: Rights) -> None:
-    handled = [one for one in module.handlers.values() if not rights.allow(Permission.HANDLE, one.message.name)]
+    handled = [
+        one
+        for one in module.handlers.values()
+        if not rights.allow(Permission.HANDLE, one.message.name)
+    ]
     if handled:
         remove_handlers(central, handled)
     for tap in list(central.taps.values()):
@@ -43,4 +53,6 @@ def _may_tap(tap: Wiretap, rights: Rights) -> bool:
     place = place_of(tap)
     if isinstance(place, Task):
         return True
-    return rights.allow(Permission.TAP, place.name) and rights.allow(Permission.SEND, tap.listener.name)
+    return rights.allow(Permission.TAP, place.name) and rights.allow(
+        Permission.SEND, tap.listener.name
+    )

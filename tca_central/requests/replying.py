@@ -27,7 +27,9 @@ _SMALL = 1000
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
-    """The delivery that a handler answers; None if that is too late, and the handler has been told."""
+    """The delivery that a handler answers; None if that is too late, and the handler has been
+    told.
+    """
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None:
         delivery = central.dispatcher.begun_ahead(connection, delivery_id)
@@ -36,10 +38,14 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
             central.facts.append(facts.Ignored(connection.module.name, late))
             central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
             return None
-        if delivery_id <= connection.repeats_until and (delivery is None or delivery.slot is not connection):
+        if delivery_id <= connection.repeats_until and (
+            delivery is None or delivery.slot is not connection
+        ):
             return None
         who = connection.module.name
-        text = f"module '{who}' answers delivery {delivery_id}, which it was not given or has answered"
+        text = (
+            f"module '{who}' answers delivery {delivery_id}, which it was not given or has answered"
+        )
         raise RequestError(Refusal.UNKNOWN, text)
     return delivery
 
@@ -49,8 +55,12 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     _return(central, connection, header.delivery, body, header.took, header.refusals)
 
 
-def on_replies(central: State, connection: Connection, header: headers.Replies, body: bytes) -> None:
-    """Handlers returned, one after the other. What is wrong with one reply is refused, and the others are taken."""
+def on_replies(
+    central: State, connection: Connection, header: headers.Replies, body: bytes
+) -> None:
+    """Handlers returned, one after the other. What is wrong with one reply is refused, and the
+    others are taken.
+    """
     sizes, now, at = sum(run.size for run in header.ended), central.clock.now, 0
     if sizes != len(body):
         raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
@@ -65,7 +75,13 @@ def on_replies(central: State, connection: Connection, header: headers.Replies, 
 
 
 def _return(
-    central: State, connection: Connection, number: int, body: bytes, took: float, refusals: int = 0, ago: float = 0.0
+    central: State,
+    connection: Connection,
+    number: int,
+    body: bytes,
+    took: float,
+    refusals: int = 0,
+    ago: float = 0.0,
 ) -> None:
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
@@ -75,10 +91,17 @@ def _return(
         on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, refused.text), b"")
         return
     if why := _why_not_kept(central, delivery, body):
-        on_fail(central, connection, headers.Fail(number, OVERLOAD, f"its result is not taken: {why}"), b"")
+        on_fail(
+            central,
+            connection,
+            headers.Fail(number, OVERLOAD, f"its result is not taken: {why}"),
+            b"",
+        )
         return
     ended = max(delivery.since, connection.then(now, ago)) if ago else now
-    central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0))
+    central.facts.append(
+        facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0)
+    )
     central.dispatcher.complete(delivery, ended, took)
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
@@ -92,7 +115,9 @@ def _return(
         else:
             suspect_kept_claims(central, delivery)
     else:
-        result = b"" if body == NIL and delivery.failure is None else body  # a resolved task may have none
+        result = (
+            b"" if body == NIL and delivery.failure is None else body
+        )  # a resolved task may have none
         central.tree.grow(delivery, len(result) - len(delivery.result))
         delivery.result = result
         central.agenda.mark_returned(delivery)
@@ -103,7 +128,9 @@ def _return(
 
 def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
     """The reason why there is no room for what a task's handler has returned; "" if there is."""
-    return central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+    return (
+        central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+    )
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
@@ -131,11 +158,18 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
 
 
 def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
-    """A body is longer than any may be: a handler that has answered with it fails, else it is refused."""
+    """A body is longer than any may be: a handler that has answered with it fails, else it is
+    refused.
+    """
     text = f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: send a reference to the data instead"
     if not isinstance(header, headers.Reply | headers.Fail):
         raise RequestError(Refusal.PROTOCOL, text)
-    on_fail(central, connection, headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}"), b"")
+    on_fail(
+        central,
+        connection,
+        headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}"),
+        b"",
+    )
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) -> None:
@@ -151,7 +185,9 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
 
 
 def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
-    """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
+    """A delivery that waited gave way to a newer one of its message: whoever waits for it is
+    told.
+    """
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
@@ -160,7 +196,9 @@ def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
         lose(central, delivery, why, Dropping.DISPLACED)
 
 
-def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
+def _answer_query(
+    central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()
+) -> None:
     if delivery.number:
         sender = delivery.sender
         if sender is not None and sender.outstanding.pop(delivery.number, None) is not None:
@@ -172,7 +210,9 @@ def _answer_query(central: State, delivery: Delivery, answer: Answer, body: byte
         _collect(central, collector, delivery, answer, body)
 
 
-def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
+def _collect(
+    central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes
+) -> None:
     del collector.pending[delivery.id]
     module = collector.module_of.pop(delivery.id)
     central.budget.collected -= collector.size
@@ -186,7 +226,10 @@ def _collect(central: State, collector: Collector, delivery: Delivery, answer: A
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # until somebody replies it ends with the first failure
             kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
-            collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), kept
+            collector.end = (
+                Answer(collector.number, answer.outcome, answer.failure, answer.text),
+                kept,
+            )
     central.budget.collected += collector.size
     end_if_complete(central, collector)
 
@@ -204,7 +247,9 @@ def end_if_complete(central: State, collector: Collector) -> None:
 
 
 def end_collector(central: State, collector: Collector) -> None:
-    """Nothing more is collected: handlers that still have a copy answer it, and their answers are thrown away."""
+    """Nothing more is collected: handlers that still have a copy answer it, and their answers are
+    thrown away.
+    """
     central.budget.collected -= collector.size
     for copy in collector.pending:
         del central.collectors[copy]

@@ -1,8 +1,9 @@
-"""Central was away and is back, with all that it knew: its connections are awaited, and no task starts before all are
-back or lost, or somebody says so.
+"""Central was away and is back, with all that it knew: its connections are awaited, and no task
+starts before all are back or lost, or somebody says so.
 
-A connection that says hello again goes on as after any break. One that does not in time is lost (joining.py); whether
-its handlers did what they had to is not known then, so that their tasks fail as uncertain.
+A connection that says hello again goes on as after any break. One that does not in time is lost
+(joining.py); whether its handlers did what they had to is not known then, so that their tasks fail
+as uncertain.
 """
 
 from tca_central.events import AWAY, ConnectionId, Restarted
@@ -30,8 +31,12 @@ def on_restarted(central: State, event: Restarted) -> None:
     central.hold.until_told = event.hold
     central.dispatcher.is_holding = True
     central.clock.cancel(central.hold.grace)
-    central.hold.grace = central.clock.after(checked_seconds(event.grace, "a grace"), Due.GRACE, None)
-    central.facts.append(facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside))
+    central.hold.grace = central.clock.after(
+        checked_seconds(event.grace, "a grace"), Due.GRACE, None
+    )
+    central.facts.append(
+        facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside)
+    )
     go_on_if_complete(central)
 
 
@@ -48,7 +53,9 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
         _go_on(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:
-        central.ignore(connection, header.number, "nothing holds tasks back since a restart of central")
+        central.ignore(
+            connection, header.number, "nothing holds tasks back since a restart of central"
+        )
 
 
 def _go_on(central: State, by: str) -> None:

@@ -1,5 +1,5 @@
-"""Messages are sent: checked, recorded, and routed by their class; and constraints are added between tasks. A function
-that raises RequestError has changed nothing.
+"""Messages are sent: checked, recorded, and routed by their class; and constraints are added
+between tasks. A function that raises RequestError has changed nothing.
 """
 
 from tca_central.control.keeping import check_room, keep
@@ -12,7 +12,13 @@ from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Refusals
 from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
-from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend, why_nobody_has_room
+from tca_central.outgoing.central_messages import (
+    at_birth,
+    copies,
+    route_statement,
+    suspend,
+    why_nobody_has_room,
+)
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, State
@@ -64,24 +70,42 @@ def _check_message(central: State, header: Send, message: MessageType) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def _received(connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]) -> facts.Received:
+def _received(
+    connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]
+) -> facts.Received:
     message = made.message
     parent = header.parent if message.message_class.is_task else ROOT
     sender, origin = connection.module.name, header.origin
     return facts.Received(
-        made.id, message.name, message.message_class, sender, parent, origin, header.blocking, made.body, constraints
+        made.id,
+        message.name,
+        message.message_class,
+        sender,
+        parent,
+        origin,
+        header.blocking,
+        made.body,
+        constraints,
     )
 
 
-def _make(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> Delivery:
+def _make(
+    central: State, connection: Connection, header: Send, message: MessageType, body: bytes
+) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
-    delivery.priority, delivery.origin, delivery.tap_depth = header.priority, header.origin, central.tap_depth
+    delivery.priority, delivery.origin, delivery.tap_depth = (
+        header.priority,
+        header.origin,
+        central.tap_depth,
+    )
     central.facts.append(_received(connection, header, delivery, []))
     fire_after(central, delivery, SENT)
     return delivery
 
 
-def _route_statement(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
+def _route_statement(
+    central: State, connection: Connection, header: Send, message: MessageType, body: bytes
+) -> None:
     if header.number and (why := why_nobody_has_room(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
@@ -90,7 +114,9 @@ def _route_statement(central: State, connection: Connection, header: Send, messa
         central.accept(connection, header.number, delivery.id)
 
 
-def _route_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
+def _route_query(
+    central: State, connection: Connection, header: Send, message: MessageType, body: bytes
+) -> None:
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     central.check_room(len(body))
@@ -102,7 +128,9 @@ def _route_query(central: State, connection: Connection, header: Send, message: 
         central.block(connection, header.number, header.origin, brief=header.brief)
 
 
-def _route_multi_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
+def _route_multi_query(
+    central: State, connection: Connection, header: Send, message: MessageType, body: bytes
+) -> None:
     central.check_room(len(body) * len(message.handlers))
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
@@ -114,7 +142,9 @@ def _route_multi_query(central: State, connection: Connection, header: Send, mes
         central.collectors[copy.id] = collector
     for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, RaisedFailure(OVERLOAD, why_full(central, message, resource)))
+            fail_delivery(
+                central, copy, RaisedFailure(OVERLOAD, why_full(central, message, resource))
+            )
         else:
             central.dispatcher.route(copy, resource)
     if header.blocking and header.number in connection.outstanding:
@@ -122,8 +152,16 @@ def _route_multi_query(central: State, connection: Connection, header: Send, mes
     end_if_complete(central, collector)
 
 
-def _route_task(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
-    has_extras = header.constraints or header.attachments or header.deadline or header.keep or header.suspended
+def _route_task(
+    central: State, connection: Connection, header: Send, message: MessageType, body: bytes
+) -> None:
+    has_extras = (
+        header.constraints
+        or header.attachments
+        or header.deadline
+        or header.keep
+        or header.suspended
+    )
     if has_extras:
         _check_extras(central, header)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
@@ -137,7 +175,11 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
         central.accept(connection, header.number)
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
-    task.priority, task.since, task.tap_depth = header.priority, central.clock.now, central.tap_depth
+    task.priority, task.since, task.tap_depth = (
+        header.priority,
+        central.clock.now,
+        central.tap_depth,
+    )
     is_monitor = message.message_class.is_monitor
     if is_monitor:
         _make_monitor(central, task, parent, header)
@@ -157,10 +199,14 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
 
 
 def note_refusal(central: State, header: Send, text: str) -> None:
-    """A quiet task is refused: the handler that has sent it fails, unless it says in the end that it knows."""
+    """A quiet task is refused: the handler that has sent it fails, unless it says in the end that
+    it knows.
+    """
     delivery = central.dispatcher.running[central.origin]
     before = delivery.refused.number if delivery.refused.delivery == delivery.given_as else 0
-    delivery.refused = Refusals(delivery.given_as, before + 1, f"'{header.message}' was refused: {text}")
+    delivery.refused = Refusals(
+        delivery.given_as, before + 1, f"'{header.message}' was refused: {text}"
+    )
 
 
 def _check_extras(central: State, header: Send) -> None:
@@ -193,18 +239,30 @@ def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> Non
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
-    """Raises RequestError if a monitor is to watch until the end of what waits for the monitor's own end."""
+    """Raises RequestError if a monitor is to watch until the end of what waits for the monitor's
+    own end.
+    """
     until = options.until
-    if until is None or until.moment is not Moment.END_ACHIEVING or not (options.waited_for or not message.is_aside):
+    if (
+        until is None
+        or until.moment is not Moment.END_ACHIEVING
+        or not (options.waited_for or not message.is_aside)
+    ):
         return
     above = parent.above(until.task)
     if above is not None:
         text = f"{message.title} under {above} can't watch until that ends, which waits for it"
-        hint = ": leave out waited_for, and it ends with it at the latest" if options.waited_for else ""
+        hint = (
+            ": leave out waited_for, and it ends with it at the latest"
+            if options.waited_for
+            else ""
+        )
         raise RequestError(Refusal.CYCLE, text + hint)
 
 
-def _route_exception(_: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes) -> None:
+def _route_exception(
+    _: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes
+) -> None:
     text = f"exception handler '{message.name}' is not sent: attach it to a task, and raise the failure there"
     raise RequestError(Refusal.PROTOCOL, text)
 
@@ -231,7 +289,9 @@ def _check_number(constraints: list[Constraint]) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def on_constrain(central: State, connection: Connection, header: headers.Constrain, _: bytes) -> None:
+def on_constrain(
+    central: State, connection: Connection, header: headers.Constrain, _: bytes
+) -> None:
     """A module adds constraints between tasks that exist."""
     _check_number(header.constraints)
     central.check_room(EDGE_BYTES * len(header.constraints))

@@ -1,7 +1,9 @@
-"""Shared variables as modules see them: set, got, exchanged, watched (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
+"""Shared variables as modules see them: set, got, exchanged, watched (TCA 7.7: SetVar, GetVar,
+GetSetVar, WatchVar).
 
-A variable is a message of its own class, and those who handle it watch it: each gets every new value, of those that
-wait for it only the newest. There is no unhandled variable: the value is kept for whoever comes.
+A variable is a message of its own class, and those who handle it watch it: each gets every new
+value, of those that wait for it only the newest. There is no unhandled variable: the value is kept
+for whoever comes.
 """
 
 from tca_central.errors import RequestError
@@ -23,9 +25,13 @@ NEVER_SET = b""
 def _variable(central: State, name: str) -> MessageType:
     message = central.registry.messages.get(name)
     if message is None:
-        raise RequestError(Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first")
+        raise RequestError(
+            Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first"
+        )
     if not message.message_class.keeps_value:
-        raise RequestError(Refusal.PROTOCOL, f"'{name}' is of class {message.message_class}, not a variable")
+        raise RequestError(
+            Refusal.PROTOCOL, f"'{name}' is of class {message.message_class}, not a variable"
+        )
     return message
 
 
@@ -34,18 +40,30 @@ def _value(central: State, message: MessageType) -> bytes:
     return known.body if known else NEVER_SET
 
 
-def on_get_variable(central: State, connection: Connection, header: headers.GetVariable, _: bytes) -> None:
-    """A module asks for the value. The answer is not kept: a repeated question gets the newest value."""
-    central.tell(connection, Answer(header.number), _value(central, _variable(central, header.variable)))
+def on_get_variable(
+    central: State, connection: Connection, header: headers.GetVariable, _: bytes
+) -> None:
+    """A module asks for the value. The answer is not kept: a repeated question gets the newest
+    value.
+    """
+    central.tell(
+        connection, Answer(header.number), _value(central, _variable(central, header.variable))
+    )
 
 
-def on_set_variable(central: State, connection: Connection, header: headers.SetVariable, body: bytes) -> None:
+def on_set_variable(
+    central: State, connection: Connection, header: headers.SetVariable, body: bytes
+) -> None:
     """A module sets a variable, and is told the value before if it exchanges."""
     message = _variable(central, header.variable)
     if header.swap and not header.number:
-        raise RequestError(Refusal.PROTOCOL, f"an exchange of variable '{message.name}' needs a request number")
+        raise RequestError(
+            Refusal.PROTOCOL, f"an exchange of variable '{message.name}' needs a request number"
+        )
     if body == NEVER_SET:
-        raise RequestError(Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value")
+        raise RequestError(
+            Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value"
+        )
     central.check_tap_depth(message)
     central.variables.check_room(message.name, body, central.budget.variables)
     central.check_room(len(body) * len(message.handlers))
@@ -53,9 +71,13 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
     made = Delivery(central.new_id(), message, body, connection)
     made.origin, made.tap_depth = header.origin, central.tap_depth
     sender, kind = connection.module.name, message.message_class
-    central.facts.append(facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, []))
+    central.facts.append(
+        facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, [])
+    )
     central.variables.put(message.name, Value(body, message.format.data, sender, made.id))
-    for handler in message.handlers:  # also one without slots: it gets the newest value when they come
+    for (
+        handler
+    ) in message.handlers:  # also one without slots: it gets the newest value when they come
         central.dispatcher.route(copy_of(central, made), handler.resource)
     if header.swap:
         central.send(connection, header.number, Answer(header.number), before)
@@ -73,7 +95,9 @@ def tell_new_watcher(central: State, handler: Handler) -> None:
 
 
 def forget_unfit_value(central: State, message: MessageType) -> None:
-    """A variable was declared anew, all who knew it being gone: a value of another format is no value of it."""
+    """A variable was declared anew, all who knew it being gone: a value of another format is no
+    value of it.
+    """
     value = central.variables.values.get(message.name)
     if value is not None and first_difference(value.format, message.format.data):
         central.variables.forget(message.name)

@@ -21,15 +21,23 @@ Awaited = Delivery | Collector | TaskWait | Observation
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
-def on_await_point(central: State, connection: Connection, header: headers.AwaitPoint, _: bytes) -> None:
+def on_await_point(
+    central: State, connection: Connection, header: headers.AwaitPoint, _: bytes
+) -> None:
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
-    known = central.outcome(task) if task is not None else central.memory.known_outcome(header.point.task)
+    known = (
+        central.outcome(task)
+        if task is not None
+        else central.memory.known_outcome(header.point.task)
+    )
     central.check_declared(WAIT_BYTES)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
-    central.facts.append(facts.WaitBegan(connection.module.name, header.origin, wait.task_id, moment))
+    central.facts.append(
+        facts.WaitBegan(connection.module.name, header.origin, wait.task_id, moment)
+    )
     if task is None or task.reached & moment:
         wait.answer(central, known)
     else:
@@ -39,7 +47,8 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """A sender now waits for answers, or no longer. If one is on its way it goes on by itself. A query is no suspect:
+    """A sender now waits for answers, or no longer. If one is on its way it goes on by itself. A
+    query is no suspect:
     its own resource may answer within the wait.
     """
     numbers = (header.request, *header.others)
@@ -55,7 +64,9 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
         _begin_waits(central, connection, header, awaited)
 
 
-def _begin_waits(central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]) -> None:
+def _begin_waits(
+    central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]
+) -> None:
     for due in awaited:
         if isinstance(due, Delivery | Collector):
             central.facts.append(facts.Awaited(due.id))
@@ -63,13 +74,22 @@ def _begin_waits(central: State, connection: Connection, header: headers.Await, 
             begin_observers_wait(central, due)
     if header.blocking and connection.waits.keys().isdisjoint((header.request, *header.others)):
         brief = header.brief or isinstance(awaited[0], Delivery | Collector)
-        central.block(connection, header.request, awaited[0].origin, brief=brief, others=header.others)
+        central.block(
+            connection, header.request, awaited[0].origin, brief=brief, others=header.others
+        )
 
 
-def on_await_any(central: State, connection: Connection, header: headers.AwaitAny, _: bytes) -> None:
-    """The coroutine of a handler can't go on until one of these is answered. Where one has been, it does already."""
+def on_await_any(
+    central: State, connection: Connection, header: headers.AwaitAny, _: bytes
+) -> None:
+    """The coroutine of a handler can't go on until one of these is answered. Where one has been, it
+    does already.
+    """
     central.unblock_coroutine(connection, header.delivery)
-    numbers, delivery = tuple(dict.fromkeys(header.requests)), central.dispatcher.running.get(header.delivery)
+    numbers, delivery = (
+        tuple(dict.fromkeys(header.requests)),
+        central.dispatcher.running.get(header.delivery),
+    )
     is_handled = delivery is not None and delivery.slot is connection
     if numbers and is_handled and all(_is_awaited(connection, number) for number in numbers):
         central.block_coroutine(connection, numbers, header.delivery)
@@ -77,11 +97,13 @@ def on_await_any(central: State, connection: Connection, header: headers.AwaitAn
 
 def _is_awaited(connection: Connection, number: int) -> bool:
     due = connection.outstanding.get(number)
-    is_awaited = isinstance(due, Delivery | TaskWait) or (isinstance(due, Observation) and due.is_awaited)
+    is_awaited = isinstance(due, Delivery | TaskWait) or (
+        isinstance(due, Observation) and due.is_awaited
+    )
     return is_awaited and number not in connection.waits
 
 
-# --- giving up -------------------------------------------------------------------------------------------------------
+# --- giving up ------------------------------------------------------------------------------------
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
@@ -103,9 +125,15 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
 
 
 def give_up(
-    central: State, connection: Connection, number: int, dropping: Dropping = Dropping.GIVEN_UP, where: str = ""
+    central: State,
+    connection: Connection,
+    number: int,
+    dropping: Dropping = Dropping.GIVEN_UP,
+    where: str = "",
 ) -> None:
-    """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
+    """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for
+    the journal.
+    """
     why = _GIVEN_UP[dropping]
     due = connection.outstanding.pop(number, None)
     if isinstance(due, PresenceWait):
@@ -123,7 +151,9 @@ def give_up(
         end_collector(central, due)
         for delivery in due.pending.values():
             _abandon(central, delivery, ())
-        central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
+        central.facts.append(
+            facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping)
+        )
     elif isinstance(due, Delivery):
         _abandon(central, due, (dropped_fact(due, why, where, dropping),))
     central.unblock(connection, number)

@@ -1,7 +1,8 @@
-"""The folder of keys, as central and ``tca keys`` know it: central's own key, and a file for each that may connect.
+"""The folder of keys, as central and ``tca keys`` know it: central's own key, and a file for each
+that may connect.
 
-``central.key`` is central's secret; ``allowed/NAME.pub`` holds the public key of NAME; ``NAME.key`` is what the program
-NAME gets. The folder is for its owner only, and no file is ever written over.
+``central.key`` is central's secret; ``allowed/NAME.pub`` holds the public key of NAME; ``NAME.key``
+is what the program NAME gets. The folder is for its owner only, and no file is ever written over.
 """
 
 import logging
@@ -41,7 +42,9 @@ def check_folder(folder: Path) -> None:
         raise KeyRefused(f"others may enter {folder}, the folder of keys: chmod 700 it")
 
 
-def write_new(path: Path, text: str, advice: str = "choose another name, or revoke that key first") -> None:
+def write_new(
+    path: Path, text: str, advice: str = "choose another name, or revoke that key first"
+) -> None:
     """Write a file that was not there, for its owner's eyes only. Raises KeyRefused."""
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
@@ -68,7 +71,9 @@ def own_pair(folder: Path) -> KeyPair:
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
-    """The names of those who may connect, by their public keys. Files that are none are told of in the log."""
+    """The names of those who may connect, by their public keys. Files that are none are told of in
+    the log.
+    """
     names: dict[str, str] = {}
     for path in sorted(allowed_folder(folder).glob(f"*{PUBLIC}")):
         try:
@@ -89,23 +94,31 @@ class AllowedKeys:
         """Raises KeyRefused."""
         self._folder = folder
         self._seen = self._state()
-        self.names = names_allowed(folder)  #: by public key; another one each time, so that a thread may read it
+        self.names = names_allowed(
+            folder
+        )  #: by public key; another one each time, so that a thread may read it
 
     def _state(self) -> tuple[tuple[str, int, int, int], ...]:
-        """What the files look like from outside. That nothing can be seen is a state, too: nobody is allowed."""
+        """What the files look like from outside. That nothing can be seen is a state, too: nobody
+        is allowed.
+        """
         try:
             with os.scandir(allowed_folder(self._folder)) as found:
                 looks = [(one.name, one.stat()) for one in found]
         except OSError:
             return ()
-        return tuple(sorted((name, look.st_mtime_ns, look.st_size, look.st_ino) for name, look in looks))
+        return tuple(
+            sorted((name, look.st_mtime_ns, look.st_size, look.st_ino) for name, look in looks)
+        )
 
     def is_known(self, key: str) -> bool:
         """Whether a key is allowed now; may be asked by any thread."""
         return key in self.names or key in names_allowed(self._folder)
 
     def look_again(self) -> tuple[list[str], list[str]]:
-        """The names whose keys have come since the last look, and those whose keys have gone, or are others."""
+        """The names whose keys have come since the last look, and those whose keys have gone, or
+        are others.
+        """
         state = self._state()
         if state == self._seen:
             return [], []

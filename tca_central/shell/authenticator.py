@@ -1,7 +1,8 @@
-"""Keys of those who connect over TCP: ZeroMQ asks, at each handshake, whether one is known (ZAP), and a thread answers.
+"""Keys of those who connect over TCP: ZeroMQ asks, at each handshake, whether one is known (ZAP),
+and a thread answers.
 
-Without an answer nobody gets in: the sockets name a domain and enforce it, or ZeroMQ would let everybody in. What it
-lets in is tried before central listens (``try_out``).
+Without an answer nobody gets in: the sockets name a domain and enforce it, or ZeroMQ would let
+everybody in. What it lets in is tried before central listens (``try_out``).
 """
 
 import contextlib
@@ -43,7 +44,9 @@ def new_pair() -> KeyPair:
 
 
 def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
-    """Let only known keys in, and nobody if they can't be checked; to be done before the socket is bound."""
+    """Let only known keys in, and nobody if they can't be checked; to be done before the socket is
+    bound.
+    """
     socket.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)  # an empty one would not be enforced
     socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
     socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -51,9 +54,13 @@ def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
 
 
 class Authenticator:
-    """Answers for the sockets of one context; a packet's ``User-Id`` is the public key it came with."""
+    """Answers for the sockets of one context; a packet's ``User-Id`` is the public key it came
+    with.
+    """
 
-    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", is_known: Callable[[str], bool]) -> None:
+    def __init__(
+        self, context: "zmq.Context[zmq.Socket[bytes]]", is_known: Callable[[str], bool]
+    ) -> None:
         """*is_known* is asked in a thread of its own."""
         self._is_known = is_known
         self._tried = ""  #: a key that is let in while that is tried
@@ -93,27 +100,35 @@ class Authenticator:
         except zmq.ContextTerminated:
             pass
         except Exception:
-            log.exception("nobody can connect any more: the authenticator has failed; start central again")
+            log.exception(
+                "nobody can connect any more: the authenticator has failed; start central again"
+            )
         finally:
             self._socket.close(0)
             self._ended.close(0)
 
     def _answer(self, request: list[bytes]) -> list[bytes]:
-        """The answer to a handshake (ZeroMQ RFC 27). No is said as "not now": told "never", libzmq tries no more, and a
-        program whose key is allowed later would have to be started anew.
+        """The answer to a handshake (ZeroMQ RFC 27). No is said as "not now": told "never", libzmq
+        tries no more, and a program whose key is allowed later would have to be started anew.
         """
         version, number, domain, address, _, mechanism, *credentials = request
-        is_ours = (version, domain, mechanism) == (b"1.0", DOMAIN, b"CURVE") and len(credentials) == 1
+        is_ours = (version, domain, mechanism) == (b"1.0", DOMAIN, b"CURVE") and len(
+            credentials
+        ) == 1
         key = z85.encode(credentials[0]).decode() if is_ours and len(credentials[0]) == 32 else ""
         if key and (key == self._tried or self._is_known(key)):
             return [b"1.0", number, b"200", b"OK", key.encode(), b""]
         where = address.decode(errors="backslashreplace")
         if not self._tried:
-            self._warned.warning(where, "refused a key from %s that is not allowed here: %s", where, key or "none")
+            self._warned.warning(
+                where, "refused a key from %s that is not allowed here: %s", where, key or "none"
+            )
         return [b"1.0", number, _NOT_NOW, b"this key is not allowed", b"", b""]
 
     def try_out(self, context: "zmq.Context[zmq.Socket[bytes]]", own: KeyPair) -> None:
-        """See that a known key gets in and another one, which has asked before, does not. Raises CentralError."""
+        """See that a known key gets in and another one, which has asked before, does not. Raises
+        CentralError.
+        """
         known, stranger = new_pair(), new_pair()
         self._tried = known.public
         self._has_answered.clear()
@@ -138,7 +153,11 @@ class Authenticator:
 
 
 def _knock(
-    stack: ExitStack, context: "zmq.Context[zmq.Socket[bytes]]", address: str, pair: KeyPair, central: str
+    stack: ExitStack,
+    context: "zmq.Context[zmq.Socket[bytes]]",
+    address: str,
+    pair: KeyPair,
+    central: str,
 ) -> "zmq.Socket[bytes]":
     """Connect with this pair; the socket on which it is said when that is let in."""
     socket = stack.enter_context(context.socket(zmq.DEALER))

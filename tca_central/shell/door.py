@@ -1,11 +1,12 @@
 """The door of central's socket: turns newcomers away before file descriptors run out.
 
-libzmq accepts connections by itself, and ends the process when a Unix socket's accept finds no descriptor (over TCP it
-spins instead); an unbind would cut all connections (libzmq #3317). So a shut door puts another file in the place of the
-listening one: its queue is always empty. Whoever comes meanwhile is accepted and closed here.
+libzmq accepts connections by itself, and ends the process when a Unix socket's accept finds no
+descriptor (over TCP it spins instead); an unbind would cut all connections (libzmq #3317). So a
+shut door puts another file in the place of the listening one: its queue is always empty. Whoever
+comes meanwhile is accepted and closed here.
 
-A rush can't outrun it: libzmq stops to accept when a thousand of its events have not been read. Where the limit is so
-low that fewer descriptors can be kept free, half of them are.
+A rush can't outrun it: libzmq stops to accept when a thousand of its events have not been read.
+Where the limit is so low that fewer descriptors can be kept free, half of them are.
 """
 
 import contextlib
@@ -24,7 +25,9 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 MOST_DESCRIPTORS = 1 << 20  # more are of no use
-_WATCHED = int(zmq.EVENT_LISTENING | zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED)
+_WATCHED = int(
+    zmq.EVENT_LISTENING | zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED
+)
 _EVENTS = "inproc://door"
 _RUSH = 1100  # connections that libzmq may accept before their events are read, and some more
 _TURN = 0.001  # seconds
@@ -34,7 +37,9 @@ log = logging.getLogger("tca.central")
 
 
 def make_room() -> None:
-    """Let this process have as many file descriptors as it may, and its threads take turns often enough to count."""
+    """Let this process have as many file descriptors as it may, and its threads take turns often
+    enough to count.
+    """
     sys.setswitchinterval(_TURN)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MOST_DESCRIPTORS)
@@ -44,7 +49,9 @@ def make_room() -> None:
 
 
 class Door:
-    """Watches a socket, in a thread of its own; to be made before the socket is bound, and opened after that."""
+    """Watches a socket, in a thread of its own; to be made before the socket is bound, and opened
+    after that.
+    """
 
     def __init__(self, socket: "zmq.Socket[bytes]", closed: Callable[[int], None]) -> None:
         """*closed* is called, in that thread, when so many connections have closed."""
@@ -77,13 +84,17 @@ class Door:
             self._thread.join()
         self._monitor.close()
         if self._is_shut:
-            self._put(self._listener)  # libzmq ends the process if it can't find again what it listens to
+            self._put(
+                self._listener
+            )  # libzmq ends the process if it can't find again what it listens to
         for file in (self._listener, self._placeholder):
             if file >= 0:
                 os.close(file)
 
     def _put(self, file: int) -> None:
-        """Have libzmq accept from a file. Its epoll goes on to watch the listening one, which stays open here."""
+        """Have libzmq accept from a file. Its epoll goes on to watch the listening one, which stays
+        open here.
+        """
         if sys.platform == "linux":  # a kqueue would forget it
             os.dup2(file, self._gate, inheritable=False)
         self._is_shut = file == self._placeholder
@@ -92,7 +103,9 @@ class Door:
         poller = zmq.Poller()
         poller.register(self._monitor, zmq.POLLIN)
         while True:
-            poller.register(self._listener, zmq.POLLIN if self._is_shut and sys.platform == "linux" else 0)
+            poller.register(
+                self._listener, zmq.POLLIN if self._is_shut and sys.platform == "linux" else 0
+            )
             ready = dict(poller.poll(int(_LOOK_AGAIN * 1000) if self._is_shut else None))
             if self._monitor in ready and not self._take_events():
                 return
@@ -119,7 +132,9 @@ class Door:
         return dict(parse_monitor_message(self._monitor.recv_multipart()))
 
     def _shut_if_full(self) -> None:
-        """Quick, since in a rush other threads have Python's lock: a new file gets the lowest number that is free."""
+        """Quick, since in a rush other threads have Python's lock: a new file gets the lowest
+        number that is free.
+        """
         lowest = self.limit
         with contextlib.suppress(OSError):
             lowest = os.dup(self._gate)
@@ -128,18 +143,25 @@ class Door:
             self._put(self._placeholder)
             log.warning(
                 "takes no more connections: %d of %d file descriptors are in use; end some programs, or start central \
-with a higher limit (ulimit -Hn)", lowest, self.limit,
-            )  # fmt: skip
+with a higher limit (ulimit -Hn)",
+                lowest,
+                self.limit,
+            )
 
     def _open_if_there_is_room(self) -> None:
         used = sum(1 for _ in Path("/dev/fd").iterdir())
         if used < self.most - self.limit // 16:
             self._put(self._listener)
-            log.warning("takes connections again: %d of %d file descriptors are in use", used, self.limit)
+            log.warning(
+                "takes connections again: %d of %d file descriptors are in use", used, self.limit
+            )
 
     def _turn_away(self) -> None:
         """Close what waits to be accepted."""
-        with contextlib.suppress(OSError), sockets.socket(fileno=os.dup(self._listener)) as listener:  # all are gone
+        with (
+            contextlib.suppress(OSError),
+            sockets.socket(fileno=os.dup(self._listener)) as listener,
+        ):  # all are gone
             while True:
                 listener.accept()[0].close()
 

@@ -1,8 +1,9 @@
 """The gate of central's socket: says of each packet who sent it, and turns strangers away.
 
-Over a Unix socket the kernel reports the user of the other end; over TCP the handshake proves a key, unless central was
-told to trust everybody on this computer. Each packet is asked, and not its line once: a line's routing id can be that
-of an earlier one. So a key that is gone has no say from the next look on.
+Over a Unix socket the kernel reports the user of the other end; over TCP the handshake proves a
+key, unless central was told to trust everybody on this computer. Each packet is asked, and not its
+line once: a line's routing id can be that of an earlier one. So a key that is gone has no say from
+the next look on.
 """
 
 import contextlib
@@ -26,7 +27,9 @@ from tca_wire.keys import keys_folder
 log = logging.getLogger("tca.central")
 
 _REMEMBERED = 10_000  # peers
-_KNOWS_USERS = sys.platform == "linux"  # elsewhere ZeroMQ may not say: the folder of the socket must be private
+_KNOWS_USERS = (
+    sys.platform == "linux"
+)  # elsewhere ZeroMQ may not say: the folder of the socket must be private
 
 
 class Gate:
@@ -34,7 +37,9 @@ class Gate:
 
     why = "central lets in no programs of other users"  #: for those who are turned away
 
-    def __init__(self, permissions: PermissionsFile | None = None, socket_file: Path | None = None) -> None:
+    def __init__(
+        self, permissions: PermissionsFile | None = None, socket_file: Path | None = None
+    ) -> None:
         self._permissions = permissions
         self._socket_file = socket_file
         self._users = {os.getuid(): ""}
@@ -44,14 +49,18 @@ class Gate:
         self.has_news = False  #: ``news`` has something to tell
         self._told: set[bytes] = set()  #: lines that were turned away, and know it
 
-    def open(self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /) -> None:
+    def open(
+        self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /
+    ) -> None:
         """Guard a socket that is not bound yet."""
 
     def close(self) -> None:
         """Let nobody in any more."""
 
     def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts off."""
+        """The events of what has changed in files since the last look, and of whom that cuts
+        off.
+        """
         permissions = self._permissions
         if permissions is not None:
             permissions.look_again()
@@ -59,7 +68,9 @@ class Gate:
         if self._socket_file is not None and (users := users_in(rules or ())) != self._listed:
             self._allow_users(users)
         if rules != central.registry.permissions.rules:
-            yield PermissionsChanged(now, rules, str(permissions.path.absolute()) if permissions is not None else "")
+            yield PermissionsChanged(
+                now, rules, str(permissions.path.absolute()) if permissions is not None else ""
+            )
 
     def _allow_users(self, users: list[int]) -> None:
         """Let these users in, and no others but the one who runs central."""
@@ -68,7 +79,9 @@ class Gate:
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            self._socket_file.chmod(0o666 if users else 0o700)  # who comes is asked; its folder may be closed to them
+            self._socket_file.chmod(
+                0o666 if users else 0o700
+            )  # who comes is asked; its folder may be closed to them
 
     def is_new(self, line: bytes) -> bool:
         """Whether a line is turned away for the first time, as far as is remembered."""
@@ -94,7 +107,11 @@ class Gate:
         else:
             principal = None if _KNOWS_USERS else ""
         if principal is None:
-            who = f"of user {fields[1]} (process {fields[3]})" if len(fields) == 4 else "that does not say whose it is"
+            who = (
+                f"of user {fields[1]} (process {fields[3]})"
+                if len(fields) == 4
+                else "that does not say whose it is"
+            )
             self._warned.warning(peer, "turned away a program %s", who)
         if len(self._principals) >= _REMEMBERED:
             self._principals.clear()
@@ -122,15 +139,22 @@ class KeyGate(Gate):
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        self._news: tuple[list[str], list[str]] = ([], [])  #: names that have come, and gone, and are not told of
+        self._news: tuple[list[str], list[str]] = (
+            [],
+            [],
+        )  #: names that have come, and gone, and are not told of
         self._is_first_look = True
         self._refused: set[str] = set()  #: keys that were allowed, and are no more; or none
         if not self._allowed.names:
             msg = f"no key is allowed in {folder}, so nobody could connect: make one with 'tca keys new NAME'"
             raise CentralError(msg)
 
-    def open(self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]", /) -> None:
-        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked here."""
+    def open(
+        self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]", /
+    ) -> None:
+        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked
+        here.
+        """
         self._authenticator = Authenticator(context, self._allowed.is_known)
         self._authenticator.try_out(context, self._own)
         guard(socket, self._own)
@@ -146,10 +170,14 @@ class KeyGate(Gate):
         return self._authenticator is not None and self._authenticator.is_alive
 
     def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts off."""
+        """The events of what has changed in files since the last look, and of whom that cuts
+        off.
+        """
         if self._was_alive and not self.is_alive:
             self._was_alive = False
-            log.error("nobody can connect any more: the authenticator has ended; start central again")
+            log.error(
+                "nobody can connect any more: the authenticator has ended; start central again"
+            )
         self._look()
         (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
         if self._is_first_look:  # keys may have gone while central was away
@@ -157,8 +185,12 @@ class KeyGate(Gate):
             revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
         if allowed or revoked:
             yield KeysChanged(now, allowed, revoked)
-        for connection in [one for one in central.registry.connections.values() if one.principal in revoked]:
-            yield ConnectionLost(now, connection.id, f"the key '{connection.principal}' is not allowed any more")
+        for connection in [
+            one for one in central.registry.connections.values() if one.principal in revoked
+        ]:
+            yield ConnectionLost(
+                now, connection.id, f"the key '{connection.principal}' is not allowed any more"
+            )
         yield from super().news(now, central)
 
     def _look(self) -> None:
@@ -183,12 +215,16 @@ class KeyGate(Gate):
 def key_owners(central: Central) -> set[str]:
     """The keys whose owners central knows: they are, or were, connected."""
     registry = central.registry
-    owners = {module.principal for module in registry.modules.values()} | {*registry.permissions.licences.values()}
+    owners = {module.principal for module in registry.modules.values()} | {
+        *registry.permissions.licences.values()
+    }
     return {owner for owner in owners if owner and not owner.startswith("uid:")}
 
 
 def _said_of(frame: zmq.Frame, what: str) -> str:
-    """What ZeroMQ says of the far end of a frame's line; "" of one that speaks ZeroMQ as it was ten years ago."""
+    """What ZeroMQ says of the far end of a frame's line; "" of one that speaks ZeroMQ as it was ten
+    years ago.
+    """
     try:
         return str(frame.get(what))
     except zmq.ZMQError:
@@ -196,7 +232,9 @@ def _said_of(frame: zmq.Frame, what: str) -> str:
 
 
 def gate_for(endpoint: str, permissions: Path | None = None, *, insecure: bool) -> Gate:
-    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError, NoHome."""
+    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError,
+    NoHome.
+    """
     file = PermissionsFile(permissions) if permissions is not None else None
     if not endpoint.startswith("tcp://"):
         return Gate(file, Path(endpoint.removeprefix("ipc://")))

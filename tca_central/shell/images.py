@@ -1,7 +1,8 @@
-"""Images of the state, so that neither the log of inputs nor the time of a restart grows with the run.
+"""Images of the state, so that neither the log of inputs nor the time of a restart grows with the
+run.
 
-A forked child writes one: central goes on meanwhile. The inputs from then on are in the segment of the image's number;
-what is older than the image before is removed.
+A forked child writes one: central goes on meanwhile. The inputs from then on are in the segment of
+the image's number; what is older than the image before is removed.
 """
 
 import contextlib
@@ -18,8 +19,9 @@ from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
-"""Events after which there is a new image: ten thousand are handled again in a second or two, long before modules lose
-patience. Where there are more tasks than that, which make an image dear, it is as many events as tasks, up to the most.
+"""Events after which there is a new image: ten thousand are handled again in a second or two, long
+before modules lose patience. Where there are more tasks than that, which make an image dear, it is
+as many events as tasks, up to the most.
 """
 
 log = logging.getLogger("tca.central")
@@ -29,7 +31,9 @@ class Images:
     """Has an image made when the log of inputs has grown."""
 
     def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0, kept: int = 0) -> None:
-        """*known*: the number of events that the newest image has; *kept*: the number of its segment of inputs."""
+        """*known*: the number of events that the newest image has; *kept*: the number of its
+        segment of inputs.
+        """
         self._inputs, self._facts = inputs, facts
         self._known = known
         self._child = 0  #: the process that writes one
@@ -41,22 +45,30 @@ class Images:
         """End of a turn."""
         if self._child:
             self._look_after_child()
-        elif central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES:
+        elif (
+            central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES
+        ):
             self.take(central)
 
     def take(self, central: Central) -> None:
-        """Begin an image of the state, and a new segment of inputs with it, if that is possible now. Raises
-        CentralError.
+        """Begin an image of the state, and a new segment of inputs with it, if that is possible
+        now. Raises CentralError.
         """
         if not may_be_taken(central):
             return
         self._known = central.events
-        inputs = self._inputs.hand_over()  # should the image be damaged, the one before and these lead to the state
+        inputs = (
+            self._inputs.hand_over()
+        )  # should the image be damaged, the one before and these lead to the state
         self._number = self._inputs.next_segment(central.clock.now)
-        facts = self._facts.hand_over()  # nothing leads to them again when there is an image of what came after them
+        facts = (
+            self._facts.hand_over()
+        )  # nothing leads to them again when there is an image of what came after them
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # the child uses no other thread's locks
+            warnings.simplefilter(
+                "ignore", DeprecationWarning
+            )  # the child uses no other thread's locks
             try:
                 self._child = os.fork()
             except OSError as error:
@@ -79,7 +91,10 @@ class Images:
             return
         self._child = 0
         if status:
-            log.warning("the image of the state that was being taken is not there: its process ended with %d", status)
+            log.warning(
+                "the image of the state that was being taken is not there: its process ended with %d",
+                status,
+            )
             return
         if self._kept:
             self._inputs.remove(self._kept)
@@ -92,8 +107,8 @@ def _between(central: Central) -> int:
 
 
 def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
-    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open. The logs *before*
-    are on the disk before the image is.
+    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept
+    open. The logs *before* are on the disk before the image is.
     """
     status = 1
     try:

@@ -1,7 +1,8 @@
-"""The log of inputs: all that central was told, as it came, in segments NNNNNNNN.tcai beside the journal's.
+"""The log of inputs: all that central was told, as it came, in segments NNNNNNNN.tcai beside the
+journal's.
 
-An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segment of that number. Newest image and the
-inputs since give the state anew (recovery.py).
+An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segment of that number.
+Newest image and the inputs since give the state anew (recovery.py).
 """
 
 import contextlib
@@ -74,7 +75,15 @@ class InputLog(LogWriter):
     def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
         """*clock*: central's, in a run that goes on; None: it begins."""
         self._head = Head(
-            INPUT_VERSION, epoch, release(), clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
+            INPUT_VERSION,
+            epoch,
+            release(),
+            clock is None,
+            sync,
+            this_boot(),
+            clock or 0.0,
+            0.0,
+            PROTOCOL_VERSION,
         )
         super().__init__(folder, INPUT_SUFFIX, sync)
 
@@ -95,7 +104,9 @@ class InputLog(LogWriter):
         return self.newest
 
     def remove(self, before: float = math.inf) -> None:
-        """Remove all that this run has *before* a number; without one it can't go on. Raises OSError."""
+        """Remove all that this run has *before* a number; without one it can't go on. Raises
+        OSError.
+        """
         for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
             for path in files_of(self.folder, suffix):
                 if self.first <= int(path.stem) < before:
@@ -108,7 +119,9 @@ class InputLog(LogWriter):
 
 
 class InputSegment:
-    """A segment that is read. ``end`` is the place behind the last sound record; ``size`` that of the file."""
+    """A segment that is read. ``end`` is the place behind the last sound record; ``size`` that of
+    the file.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -123,7 +136,9 @@ class InputSegment:
 
     @property
     def is_torn(self) -> bool:
-        """Whether what follows the last sound record, if anything does, was being written: no record is in it."""
+        """Whether what follows the last sound record, if anything does, was being written: no
+        record is in it.
+        """
         with self.path.open("rb") as stream:
             stream.seek(self.end)
             return not has_record(stream.read())

@@ -1,6 +1,8 @@
-"""Writes the journal: a run's facts, in segments 00000001.tcaj, 00000002.tcaj, ... Knows nothing of what they mean.
+"""Writes the journal: a run's facts, in segments 00000001.tcaj, 00000002.tcaj, ... Knows nothing of
+what they mean.
 
-Where earlier runs lie in the folder, its segments have the next numbers; nothing is written to theirs.
+Where earlier runs lie in the folder, its segments have the next numbers; nothing is written to
+theirs.
 """
 
 import time
@@ -16,7 +18,13 @@ class JournalWriter(LogWriter):
     """One run's journal."""
 
     def __init__(
-        self, folder: Path, *, epoch: str, sync: Sync, after: Opened | None = None, entry: Entry | None = None
+        self,
+        folder: Path,
+        *,
+        epoch: str,
+        sync: Sync,
+        after: Opened | None = None,
+        entry: Entry | None = None,
     ) -> None:
         """*after*: the newest segment of the same run, which goes on with what follows *entry*."""
         self._epoch = epoch

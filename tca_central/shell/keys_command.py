@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from tca_central.shell.allowed_keys import PUBLIC, allowed_folder, make_folder, names_allowed, own_pair, write_new
+from tca_central.shell.allowed_keys import (
+    PUBLIC,
+    allowed_folder,
+    make_folder,
+    names_allowed,
+    own_pair,
+    write_new,
+)
 from tca_central.shell.authenticator import new_pair
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import (
@@ -23,9 +30,10 @@ from tca_wire.keys import (
 )
 
 _FOLDER = click.option(
-    "--folder", type=click.Path(path_type=Path),
+    "--folder",
+    type=click.Path(path_type=Path),
     help=f"The folder of keys [default: ${FOLDER_VARIABLE}, else ~/.config/tca/keys].",
-)  # fmt: skip
+)
 
 
 def _explained(command: Callable[..., None]) -> Callable[..., None]:
@@ -43,14 +51,19 @@ def _explained(command: Callable[..., None]) -> Callable[..., None]:
 def keys() -> None:
     """Keys for centrals that other machines can reach.
 
-    On central's machine: 'tca keys new arm' makes a key, 'tca central --bind tcp://0.0.0.0:5555' asks for it. Copy
-    arm.key to the other machine (with scp) and say 'tca keys use arm.key' there; or name it in $TCA_KEY.
+    On central's machine: 'tca keys new arm' makes a key, 'tca central --bind tcp://0.0.0.0:5555'
+    asks for it. Copy arm.key to the other machine (with scp) and say 'tca keys use arm.key' there;
+    or name it in $TCA_KEY.
     """
 
 
 @keys.command()
 @click.argument("name")
-@click.option("--central", metavar="PUBLIC", help="For a central elsewhere, by its public key ('tca keys list' there).")
+@click.option(
+    "--central",
+    metavar="PUBLIC",
+    help="For a central elsewhere, by its public key ('tca keys list' there).",
+)
 @_explained
 def new(folder: Path, name: str, central: str | None) -> None:
     """Make a key for the program (or person, or machine) NAME, and allow it."""
@@ -59,7 +72,9 @@ def new(folder: Path, name: str, central: str | None) -> None:
         check_key(central)
         make_folder(folder)
     if (allowed_folder(folder) / f"{name}{PUBLIC}").exists():
-        raise KeyRefused(f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first")
+        raise KeyRefused(
+            f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first"
+        )
     pair, path = new_pair(), folder / f"{name}{SUFFIX}"
     text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
     write_new(
@@ -97,7 +112,10 @@ def _allow(folder: Path, name: str, public: str) -> None:
 def list_keys(folder: Path) -> None:
     """The names and public keys that central allows, and its own."""
     own = own_pair(folder)
-    rows = [("(central)", own.public), *((name, public) for public, name in names_allowed(folder).items())]
+    rows = [
+        ("(central)", own.public),
+        *((name, public) for public, name in names_allowed(folder).items()),
+    ]
     width = max(len(name) for name, _ in rows)
     for name, public in rows:
         click.echo(f"{name:{width}}  {public}")
@@ -114,9 +132,13 @@ def revoke(folder: Path, name: str) -> None:
         raise KeyRefused(f"no key '{name}' is allowed: 'tca keys list' shows those that are")
     public = path.read_text().strip()
     path.unlink()
-    click.echo(f"'{name}' is let in no more; 'tca keys allow {name} {shlex.quote(public)}' lets it in again")
+    click.echo(
+        f"'{name}' is let in no more; 'tca keys allow {name} {shlex.quote(public)}' lets it in again"
+    )
     if (secret := folder / f"{name}{SUFFIX}").exists():
-        click.echo(f"its key stays in {secret}: remove that file before you make another key for '{name}'")
+        click.echo(
+            f"its key stays in {secret}: remove that file before you make another key for '{name}'"
+        )
 
 
 @keys.command()
@@ -131,7 +153,9 @@ def use(folder: Path, file: Path) -> None:
     key = read_client_key(file)
     make_folder(folder)
     write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text(), "move it away first")
-    click.echo(f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them")
+    click.echo(
+        f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Keeps a client from filling the log: a warning of one matter is said once in a while, and so many lines a second."""
+"""Keeps a client from filling the log: a warning of one matter is said once in a while, and so many
+lines a second.
+"""
 
 import logging
 import time
@@ -26,7 +28,9 @@ class LogLimit:
 
 
 class LineLimit(logging.Filter):
-    """Lets so many lines a second pass, and all errors; the next line says how many were left out."""
+    """Lets so many lines a second pass, and all errors; the next line says how many were left
+    out.
+    """
 
     most = 200
 
@@ -46,6 +50,8 @@ class LineLimit(logging.Filter):
             self._left_out += 1
             return False
         if self._left_out:
-            record.msg = f"({self._left_out:,} lines left out: see the journal) {record.getMessage()}"
+            record.msg = (
+                f"({self._left_out:,} lines left out: see the journal) {record.getMessage()}"
+            )
             record.args, self._left_out = (), 0
         return True

@@ -1,4 +1,6 @@
-"""Lines of the log for people: failures, refusals, losses, comings and goings, monitors that see nothing."""
+"""Lines of the log for people: failures, refusals, losses, comings and goings, monitors that see
+nothing.
+"""
 
 import logging
 from collections.abc import Callable
@@ -21,15 +23,22 @@ LONGEST_LINE = 2000
 
 
 class LineFormatter(logging.Formatter):
-    """One line an entry, whatever others have put into names and texts; a traceback has lines of its own."""
+    """One line an entry, whatever others have put into names and texts; a traceback has lines of
+    its own.
+    """
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
         """The line. Characters that would steer a terminal are written as escapes."""
-        return shortened(printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE)
+        return shortened(
+            printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE
+        )
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - logging calls it so
         """The lines of a traceback."""
-        return "\n".join(shortened(printable(line), LONGEST_LINE) for line in super().formatException(ei).splitlines())
+        return "\n".join(
+            shortened(printable(line), LONGEST_LINE)
+            for line in super().formatException(ei).splitlines()
+        )
 
 
 class LogLines:
@@ -39,17 +48,25 @@ class LogLines:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
-        self._often: set[int] = set()  #: tasks of which the log has warned since they are retried often
-        self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
+        self._often: set[int] = (
+            set()
+        )  #: tasks of which the log has warned since they are retried often
+        self._unseen: set[str] = (
+            set()
+        )  #: conditions that nobody handles, and of which the log has warned
         self._ways: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
             facts.LostDirectly: self._lost,
             facts.RequestRefused: self._refused,
-            facts.Ignored: lambda fact, _: log.warning("nothing done for module '%s': %s", fact.sender, fact.text),
+            facts.Ignored: lambda fact, _: log.warning(
+                "nothing done for module '%s': %s", fact.sender, fact.text
+            ),
             facts.ModuleJoined: self._joined,
             facts.KeysChanged: self._keys,
             facts.PermissionsChanged: self._permissions,
-            facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
+            facts.ModuleLeft: lambda fact, _: log.info(
+                "module '%s' left: %s", fact.module, fact.why
+            ),
             facts.Queued: self._queued,
             facts.Retried: self._retried,
             facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
@@ -97,7 +114,9 @@ class LogLines:
         for (failure, text), parts in causes.items():
             which, said = ", ".join(parts[:NAMED]), first_line(text)
             more = f" and {len(parts) - NAMED:,} more" if len(parts) > NAMED else ""
-            self._log.warning("failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else "")
+            self._log.warning(
+                "failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else ""
+            )
 
     def _retried(self, fact: facts.Retried, _: Record) -> None:
         task = self._central.tree.tasks.get(fact.task)
@@ -114,4 +133,6 @@ class LogLines:
         what = watch.condition.message.name if watch.condition is not None else ""
         if what not in self._unseen:
             self._unseen.add(what)
-            self._log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
+            self._log.warning(
+                "%s sees nothing until somebody handles its condition '%s'", watch.task, what
+            )

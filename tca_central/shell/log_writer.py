@@ -1,7 +1,9 @@
-"""Files that are written at the end only: segments NNNNNNNN of one suffix in the folder of a journal.
+"""Files that are written at the end only: segments NNNNNNNN of one suffix in the folder of a
+journal.
 
-Three ways of keeping them safe (``Sync``). The routing loop writes once per turn, for all records of the turn, before
-anything that they justify is sent; under ``batch`` another thread asks the disk once a second.
+Three ways of keeping them safe (``Sync``). The routing loop writes once per turn, for all records
+of the turn, before anything that they justify is sent; under ``batch`` another thread asks the disk
+once a second.
 """
 
 import contextlib
@@ -34,10 +36,11 @@ class Sync(StrEnum):
 
 
 def lock(file: int) -> None:
-    """Lock a file until its process ends. Raises BlockingIOError if somebody else keeps it, OSError where there are no
-    locks.
+    """Lock a file until its process ends. Raises BlockingIOError if somebody else keeps it, OSError
+    where there are no locks.
 
-    A central that was killed while it took an image leaves a child behind, which has its locks for another moment.
+    A central that was killed while it took an image leaves a child behind, which has its locks for
+    another moment.
     """
     until = time.monotonic() + LOCK_PATIENCE
     while True:
@@ -52,8 +55,8 @@ def lock(file: int) -> None:
 
 
 def lock_folder(folder: Path) -> int:
-    """The lock of a journal's folder, made if there is none; two centrals that run would mix their segments. A lock
-    ends with its process, however that ends. Raises CentralError.
+    """The lock of a journal's folder, made if there is none; two centrals that run would mix their
+    segments. A lock ends with its process, however that ends. Raises CentralError.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -96,9 +99,11 @@ def append(path: Path, data: bytes) -> None:
 
 
 def put_aside(path: Path, begin: int, *later: Path) -> None:
-    """Take away what a log has from a byte of a file on, for good, and keep it in files beside it. Raises OSError.
+    """Take away what a log has from a byte of a file on, for good, and keep it in files beside it.
+    Raises OSError.
 
-    The later files leave first: behind an end that is sound they would be taken for its continuation.
+    The later files leave first: behind an end that is sound they would be taken for its
+        continuation.
     """
     with path.open("rb") as stream:
         stream.seek(begin)
@@ -153,16 +158,26 @@ class LogWriter:
         self._pending_bytes = 0
         self._file = -1
         self.size = 0  #: of the segment
-        self._lock = threading.Lock()  #: what the two threads share; held for no longer than a moment
-        self._syncing = threading.Lock()  #: one thread at a time asks the disk; who writes never waits for it
+        self._lock = (
+            threading.Lock()
+        )  #: what the two threads share; held for no longer than a moment
+        self._syncing = (
+            threading.Lock()
+        )  #: one thread at a time asks the disk; who writes never waits for it
         self._stopped = threading.Event()
         self._unsynced = False
         self._is_named = False  #: the folder on the disk knows of the newest segment
-        self._full: list[int] = []  #: files of earlier segments that are yet to be synced and closed
+        self._full: list[
+            int
+        ] = []  #: files of earlier segments that are yet to be synced and closed
         self._error: OSError | None = None  #: of the thread that syncs
-        self._thread = threading.Thread(target=self._sync_each_second, name=f"sync {suffix}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._sync_each_second, name=f"sync {suffix}", daemon=True
+        )
         try:
-            self.newest = max(numbers(folder, suffix), default=0)  #: the number of the newest segment
+            self.newest = max(
+                numbers(folder, suffix), default=0
+            )  #: the number of the newest segment
             self.first = self.newest + 1  #: of those that are written now
             self.begin_segment()
         except OSError as error:
@@ -195,7 +210,9 @@ class LogWriter:
 
         Raises CentralError if it can't be written, or if what was written may not be on the disk.
         """
-        if self._error is not None:  # after a failed sync the data is gone, and a second sync would say all is well
+        if (
+            self._error is not None
+        ):  # after a failed sync the data is gone, and a second sync would say all is well
             raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
@@ -210,7 +227,9 @@ class LogWriter:
         self._now(self.write, self._fsync)
 
     def hand_over(self) -> Path:
-        """Let the kernel have all that waits, whatever ``sync`` says; the newest segment. Raises CentralError."""
+        """Let the kernel have all that waits, whatever ``sync`` says; the newest segment. Raises
+        CentralError.
+        """
         self._now(self.write)
         return self._path
 
@@ -260,9 +279,13 @@ class LogWriter:
             self.newest += 1
             self.size = 0
             self._path = self.folder / f"{self.newest:08d}{self._suffix}"
-            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
+            self._file = os.open(
+                self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600
+            )
             self._is_named = False
-            with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
+            with contextlib.suppress(
+                OSError
+            ):  # readers see by it that central lives; some file systems have no locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if self.sync is not Sync.BATCH:
             self._close_full()
@@ -282,7 +305,11 @@ class LogWriter:
                     return
 
     def _broken(self, error: OSError) -> CentralError:
-        return disk_error(error, f"journal {self.folder}", "central stops, for what it can't record it must not do")
+        return disk_error(
+            error,
+            f"journal {self.folder}",
+            "central stops, for what it can't record it must not do",
+        )
 
     def _fsync(self) -> None:
         with self._syncing:

@@ -1,4 +1,6 @@
-"""Warnings of losses, which may come in floods: one line a second for each thing that is lost, with how many."""
+"""Warnings of losses, which may come in floods: one line a second for each thing that is lost, with
+how many.
+"""
 
 import logging
 from math import inf
@@ -18,7 +20,11 @@ def loss_in(fact: Any) -> tuple[str, str, int] | None:
             return f"dropped '{fact.message}'", fact.why, 1
         case facts.LostDirectly():
             what = f"direct '{fact.message}'" if fact.message else "notes of direct messages"
-            return f"module '{fact.module}' lost {what}", "its handler is too slow, left or died", fact.number
+            return (
+                f"module '{fact.module}' lost {what}",
+                "its handler is too slow, left or died",
+                fact.number,
+            )
         case facts.RequestRefused(refusal=Refusal.OVERLOAD):
             return f"refused module '{fact.sender}'", fact.text, 1
     return None
@@ -40,7 +46,9 @@ class LossLog:
             self._tell(what, now)
 
     def tell(self, now: float = inf) -> None:
-        """Tell of those for which it is time, and forget those of which there was nothing to tell."""
+        """Tell of those for which it is time, and forget those of which there was nothing to
+        tell.
+        """
         for what, (told, number, _) in list(self._lines.items()):
             if now - told >= PERIOD:
                 if number:

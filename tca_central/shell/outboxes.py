@@ -1,6 +1,7 @@
 """What is to be sent: packets that wait for their connections, within a bound. Knows no socket.
 
-Items of a turn share packets. A connection that has not read what it was sent gets no more before it says so (Receipt):
+Items of a turn share packets. A connection that has not read what it was sent gets no more before
+it says so (Receipt):
 the rest waits here. If all that is too much, the connection for which most waits is given up.
 """
 
@@ -37,11 +38,15 @@ class Outboxes:
     """Those of all connections."""
 
     def __init__(self, send: Callable[[ConnectionId, bytes], bool]) -> None:
-        """*send* sends a packet; False: the line takes no more now. Raises ConnectionError if there is none."""
+        """*send* sends a packet; False: the line takes no more now. Raises ConnectionError if there
+        is none.
+        """
         self._send = send
         self._boxes: dict[ConnectionId, Outbox] = {}
         self._ready: dict[ConnectionId, Outbox] = {}  #: those with something to send
-        self._unread: dict[ConnectionId, int] = {}  #: bytes that were sent, and not read as far as is known
+        self._unread: dict[
+            ConnectionId, int
+        ] = {}  #: bytes that were sent, and not read as far as is known
         self.held = 0  #: bytes in all boxes
 
     @property
@@ -55,7 +60,9 @@ class Outboxes:
         return self.held + sum(self._unread.values())
 
     def put(self, connection: ConnectionId, item: list[bytes]) -> None:
-        """An item, in pieces, is to be sent. A large body is a piece of its own: many who are sent it share it."""
+        """An item, in pieces, is to be sent. A large body is a piece of its own: many who are sent
+        it share it.
+        """
         box = self._boxes.get(connection)
         if box is None:
             self._boxes[connection] = box = Outbox()
@@ -104,7 +111,9 @@ class Outboxes:
             self._unread[connection] = unread
 
     def give_up_beyond(self, most: int) -> dict[ConnectionId, int]:
-        """Forget those for which most waits until no more than so many bytes do; how much waited for each."""
+        """Forget those for which most waits until no more than so many bytes do; how much waited
+        for each.
+        """
         given_up = {}
         while self.held > most:
             connection = max(self._boxes, key=lambda one: self._boxes[one].size)
@@ -113,7 +122,9 @@ class Outboxes:
         return given_up
 
     def forget(self, connection: ConnectionId, *, is_gone: bool = False) -> None:
-        """Nothing that waits is sent any more. If the line *is gone*, nothing is on its way either."""
+        """Nothing that waits is sent any more. If the line *is gone*, nothing is on its way
+        either.
+        """
         if (box := self._boxes.pop(connection, None)) is not None:
             self.held -= box.size
         self._ready.pop(connection, None)

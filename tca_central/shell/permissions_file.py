@@ -1,4 +1,5 @@
-"""The permissions file: TOML that says which keys may be which modules, and do what. It is checked as a whole.
+"""The permissions file: TOML that says which keys may be which modules, and do what. It is checked
+as a whole.
 
 [[allow]]
 key = "arm"               # of 'tca keys', "owner" (who runs central), "uid:1001"; or a list of them
@@ -59,7 +60,9 @@ class PermissionsFile:
 
 def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
     """The users of this computer that rules name. A pattern names nobody."""
-    named = [key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")]
+    named = [
+        key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")
+    ]
     return [int(number) for number in named if number.isdecimal()]
 
 
@@ -75,7 +78,10 @@ def read_rules(path: Path) -> tuple[AccessRule, ...]:
         raise PermissionsError(f"{path}: anybody may write it: chmod o-w")
     wrong = list(_wrong_in(found, text))
     if wrong:
-        shown = [f"{path}{f', line {line}' if line else ''}: {what}" for line, what in wrong[:_MOST_SHOWN]]
+        shown = [
+            f"{path}{f', line {line}' if line else ''}: {what}"
+            for line, what in wrong[:_MOST_SHOWN]
+        ]
         raise PermissionsError("\n".join(shown))
     return tuple(map(_rule, found["allow"]))
 
@@ -92,7 +98,10 @@ def _texts(value: str | list[str]) -> tuple[str, ...]:
 def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
     """Lines and what is wrong there (0: nowhere in particular)."""
     for name in found.keys() - {"allow"}:
-        yield _line_of(text, -1, name), f"'{name}' has no meaning here: write [[allow]] above what it allows"
+        yield (
+            _line_of(text, -1, name),
+            f"'{name}' has no meaning here: write [[allow]] above what it allows",
+        )
     tables = found.get("allow")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         yield 0, "there is no [[allow]]: with this file nobody could connect"
@@ -103,19 +112,27 @@ def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
 
 def _wrong_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tuple[int, str]]:
     if "key" not in table:
-        yield _line_of(text, index, ""), 'whom this allows is not said: key = "NAME", a list of names, or "owner"'
+        yield (
+            _line_of(text, index, ""),
+            'whom this allows is not said: key = "NAME", a list of names, or "owner"',
+        )
     for name, value in table.items():
         line = _line_of(text, index, name)
         if name not in _NAMES:
             yield line, f"'{name}' is nothing that can be allowed: there are {', '.join(_NAMES)}"
         elif not _is_texts(value):
-            yield line, f'{name} = {value!r:.60} is no text: write {name} = "NAME", or a list of such'
+            yield (
+                line,
+                f'{name} = {value!r:.60} is no text: write {name} = "NAME", or a list of such',
+            )
         elif name == "key":
             yield from ((line, what) for key in _texts(value) if (what := _wrong_key(key)))
 
 
 def _is_texts(value: Any) -> bool:
-    return isinstance(value, str) or (isinstance(value, list) and all(isinstance(one, str) for one in value))
+    return isinstance(value, str) or (
+        isinstance(value, list) and all(isinstance(one, str) for one in value)
+    )
 
 
 def _wrong_key(key: str) -> str:
@@ -125,13 +142,19 @@ def _wrong_key(key: str) -> str:
 
 
 def _line_of(text: str, table: int, name: str) -> int:
-    """The line where the so manieth table says something; 0 if that is not found (TOML has many ways to write it)."""
+    """The line where the so manieth table says something; 0 if that is not found (TOML has many
+    ways to write it).
+    """
     current = -1
     with contextlib.suppress(re.error):
         for number, line in enumerate(text.splitlines(), 1):
             is_heading = bool(_HEADING.match(line))
             current += is_heading
-            is_it = is_heading if not name else re.match(rf"""\s*["']?{re.escape(name)}["']?\s*[=.]""", line)
+            is_it = (
+                is_heading
+                if not name
+                else re.match(rf"""\s*["']?{re.escape(name)}["']?\s*[=.]""", line)
+            )
             if current == table and is_it:
                 return number
     return 0

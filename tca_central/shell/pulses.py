@@ -1,7 +1,8 @@
-"""Pulses: connections on which processes send back central's beats, and so show that they still run.
+"""Pulses: connections on which processes send back central's beats, and so show that they still
+run.
 
-A client that names none is not watched. Silence is counted in beats, not in seconds: a central that stood still has
-sent none meanwhile, so it blames nobody for its own lateness.
+A client that names none is not watched. Silence is counted in beats, not in seconds: a central that
+stood still has sent none meanwhile, so it blames nobody for its own lateness.
 """
 
 from collections.abc import Iterable
@@ -9,8 +10,9 @@ from collections.abc import Iterable
 from tca_central.model.deliveries import Connection
 
 LATE = 20
-"""So many beats are let pass for a line that has never been there. A process notices within 10 s that its line leads
-nowhere any more, as when the computer of the central before went down, and connects it anew at least every 5 s.
+"""So many beats are let pass for a line that has never been there. A process notices within 10 s
+that its line leads nowhere any more, as when the computer of the central before went down, and
+connects it anew at least every 5 s.
 """
 _REMEMBERED = 1000
 """The number of lines remembered of those that have left."""
@@ -30,7 +32,9 @@ class Pulses:
         """It is time for the next beat: the pulses that it goes to."""
         connections = list(connections)
         pulses = {connection.pulse for connection in connections if connection.pulse}
-        self._unanswered = {pulse: beats + 1 for pulse, beats in self._unanswered.items() if pulse in pulses}
+        self._unanswered = {
+            pulse: beats + 1 for pulse, beats in self._unanswered.items() if pulse in pulses
+        }
         self.listen(connections)
         if len(self._met) > len(pulses) + _REMEMBERED:
             self._met &= pulses
@@ -50,7 +54,9 @@ class Pulses:
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
     def gone(self, pulse: bytes) -> None:
-        """Note that a pulse's line is gone. The process is suspect only if the line was never there."""
+        """Note that a pulse's line is gone. The process is suspect only if the line was never
+        there.
+        """
         if pulse in self._met:
             self._unanswered.pop(pulse, None)
         else:

@@ -1,9 +1,10 @@
-"""The state of a run that ended without a goodbye: newest image, and the inputs since, through ``Central.handle``.
+"""The state of a run that ended without a goodbye: newest image, and the inputs since, through
+``Central.handle``.
 
-What comes out is compared with the facts that the journal has. The journal may lack the last ones: they are written
-anew. It may have more where the last inputs did not reach the disk: those facts are put aside, and reported. Any other
-difference is told and stops the recovery, unless it is to be accepted. Then the ends of all logs are mended, before
-anything is written (decision 102).
+What comes out is compared with the facts that the journal has. The journal may lack the last ones:
+they are written anew. It may have more where the last inputs did not reach the disk: those facts
+are put aside, and reported. Any other difference is told and stops the recovery, unless it is to be
+accepted. Then the ends of all logs are mended, before anything is written (decision 102).
 """
 
 import logging
@@ -28,10 +29,14 @@ GRACE = 10.0
 """Seconds that modules have to come back."""
 
 LONGEST_AWAY = 30 * 86_400.0
-"""Seconds that a run's clock goes on at most where the machine was started anew: it may have had no clock before."""
+"""Seconds that a run's clock goes on at most where the machine was started anew: it may have had no
+clock before.
+"""
 
 SKIPPED = 1_000_000
-"""Numbers that are passed over where the last second of the inputs may be lost: some may have been given in it."""
+"""Numbers that are passed over where the last second of the inputs may be lost: some may have been
+given in it.
+"""
 
 
 @dataclass
@@ -53,7 +58,9 @@ class UnfinishedRun:
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
-        longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()  # the wall clock may have been set since
+        longest = (
+            LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
+        )  # the wall clock may have been set since
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
@@ -64,8 +71,14 @@ class UnfinishedRun:
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()
-            if is_here and (_was_booted(self.head) or not _lives(pid)) and Path("/proc/self").exists():
-                yield ConnectionLost(now, connection.id, "its process had ended when central came back")
+            if (
+                is_here
+                and (_was_booted(self.head) or not _lives(pid))
+                and Path("/proc/self").exists()
+            ):
+                yield ConnectionLost(
+                    now, connection.id, "its process had ended when central came back"
+                )
 
 
 def _was_booted(head: Head) -> bool:
@@ -83,21 +96,28 @@ def _lives(process: str) -> bool:
 
 
 def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, oldest first; none if it has ended of its own will. Those
-    of which not even the head can be read are passed over only with *accept*. Raises CentralError.
+    """The segments of inputs of the newest run in a folder, oldest first; none if it has ended of
+    its own will. Those of which not even the head can be read are passed over only with *accept*.
+    Raises CentralError.
     """
     if not accept:
         check_heads(folder)
     found = newest_run(folder)
     newest = None if accept else newest_segment(folder)
     if newest is not None and not newest_run(folder, newest[1]) and not is_closed(newest[0]):
-        log.warning("a new run begins, and the tasks of the last one in %s are lost: it has not ended, and has no \
-inputs (*%s) with which it could continue", folder, INPUT_SUFFIX)  # fmt: skip
+        log.warning(
+            "a new run begins, and the tasks of the last one in %s are lost: it has not ended, and has no \
+inputs (*%s) with which it could continue",
+            folder,
+            INPUT_SUFFIX,
+        )
     return [] if found and has_ended(found) else found
 
 
 def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False) -> UnfinishedRun:
-    """The run whose inputs these are. With *accept* it goes on in spite of a difference. Raises CentralError."""
+    """The run whose inputs these are. With *accept* it goes on in spite of a difference. Raises
+    CentralError.
+    """
     head = segments[-1].head
     assert head is not None
     may_lack = head.sync is Sync.NONE or (head.sync is Sync.BATCH and _was_booted(head))
@@ -116,10 +136,27 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
     replay.mend()
     facts.mend()
     if may_lack:
-        what = "the last inputs" if head.sync is Sync.NONE else "up to the last second before power was lost"
-        log.warning("%s may be missing (--sync %s); %d entries of the journal, to which no input leads, were put aside",
-                    what, head.sync, facts.aside)  # fmt: skip
+        what = (
+            "the last inputs"
+            if head.sync is Sync.NONE
+            else "up to the last second before power was lost"
+        )
+        log.warning(
+            "%s may be missing (--sync %s); %d entries of the journal, to which no input leads, were put aside",
+            what,
+            head.sync,
+            facts.aside,
+        )
     return UnfinishedRun(
-        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept or may_lack,
-        replay.began, replay.first, facts.aside,
-    )  # fmt: skip
+        replay.central,
+        head,
+        segments[0].number,
+        facts.opened,
+        facts.last,
+        missing,
+        replay.inputs,
+        accept or may_lack,
+        replay.began,
+        replay.first,
+        facts.aside,
+    )

@@ -1,4 +1,6 @@
-"""A run's inputs, handled again: the segments of the newest run in a folder, a state to begin with, what follows."""
+"""A run's inputs, handled again: the segments of the newest run in a folder, a state to begin with,
+what follows.
+"""
 
 import logging
 from collections.abc import Iterator
@@ -47,14 +49,18 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
 
 
 def _is_left_over(segment: InputSegment) -> bool:
-    """Whether a start that failed began it. Its head would hide the boot in which the run's last input came."""
+    """Whether a start that failed began it. Its head would hide the boot in which the run's last
+    input came.
+    """
     assert segment.head is not None
     is_used = segment.head.is_first or segment.path.with_suffix(IMAGE_SUFFIX).exists()
     return not is_used and segment.is_empty
 
 
 def check_heads(folder: Path) -> None:
-    """Raises CentralError if the newest segment can't be told to belong to a run, though something follows its head."""
+    """Raises CentralError if the newest segment can't be told to belong to a run, though something
+    follows its head.
+    """
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is not None:
             return
@@ -78,11 +84,17 @@ class InputReplay:
     """Central, and the inputs that it has yet to handle again."""
 
     def __init__(
-        self, folder: Path, segments: list[InputSegment], *, cuts: bool, may_lack: bool = False,
+        self,
+        folder: Path,
+        segments: list[InputSegment],
+        *,
+        cuts: bool,
+        may_lack: bool = False,
         from_first: bool = False,
-    ) -> None:  # fmt: skip
-        """With *cuts* what follows a damaged input is left out, as what was being written always is. With *may_lack*
-        some of what came last did not reach the disk: so may a segment end early though others follow. *from_first*:
+    ) -> None:
+        """With *cuts* what follows a damaged input is left out, as what was being written always
+        is. With *may_lack* some of what came last did not reach the disk: so may a segment end
+        early though others follow. *from_first*:
         begin with the oldest state that there is. Raises CentralError.
         """
         head = segments[0].head
@@ -92,7 +104,10 @@ class InputReplay:
         self.inputs = 0  #: number of those handled again
         self._cuts, self._may_lack = cuts, may_lack
         self._last = segments[0]  #: the segment in which reading has ended
-        if other := next((one.head for one in segments if one.head is not None and not one.head.is_readable), None):
+        if other := next(
+            (one.head for one in segments if one.head is not None and not one.head.is_readable),
+            None,
+        ):
             what = (
                 f"tca {other.central} wrote them, of format {other.version}.{other.protocol}, and this tca reads only \
 {INPUT_VERSION}.{PROTOCOL_VERSION}: finish the run with tca {other.central}"
@@ -114,10 +129,16 @@ class InputReplay:
                     raise self._hopeless(what) from error
                 yield from (effect.entry for effect in effects if isinstance(effect, Record))
 
-    def _begin(self, segments: list[InputSegment], *, from_first: bool) -> tuple[Central, list[InputSegment]]:
+    def _begin(
+        self, segments: list[InputSegment], *, from_first: bool
+    ) -> tuple[Central, list[InputSegment]]:
         """The newest state that can be had whole, and the segments that follow it."""
         first, why = segments[0], ""
-        images = [one for one in numbers(self.folder, IMAGE_SUFFIX) if first.number <= one <= segments[-1].number]
+        images = [
+            one
+            for one in numbers(self.folder, IMAGE_SUFFIX)
+            if first.number <= one <= segments[-1].number
+        ]
         if not (from_first and self.head.is_first):
             for number in images if from_first else images[::-1]:
                 try:
@@ -129,7 +150,9 @@ class InputReplay:
                     continue
                 return central, [segment for segment in segments if segment.number >= number]
         if not self.head.is_first:
-            raise self._hopeless(why or "its first inputs are gone, and there is no image of the state after them")
+            raise self._hopeless(
+                why or "its first inputs are gone, and there is no image of the state after them"
+            )
         return Central(self.head.epoch), segments
 
     def _inputs(self) -> Iterator[Input]:
@@ -151,8 +174,8 @@ class InputReplay:
             return
 
     def mend(self) -> None:
-        """Have the log end, for good, where reading has ended: what is written from now on follows a sound record.
-        Raises OSError.
+        """Have the log end, for good, where reading has ended: what is written from now on follows
+        a sound record. Raises OSError.
         """
         last, later = self._last, list[Path]()
         for suffix in (INPUT_SUFFIX, IMAGE_SUFFIX, DRAFT_SUFFIX):
@@ -166,7 +189,9 @@ class InputReplay:
             put_aside(last.path, last.end, *later)
         sync_path(self.folder)
         for path in files_of(self.folder, INPUT_SUFFIX):
-            if int(path.stem) >= self._segments[0].number:  # a killed central has not, and more is to follow from them
+            if (
+                int(path.stem) >= self._segments[0].number
+            ):  # a killed central has not, and more is to follow from them
                 sync_path(path)
         cut(last.path, last.end)
 
@@ -175,9 +200,13 @@ class InputReplay:
 
 
 def _damaged(segment: InputSegment) -> CentralError:
-    """The error for bytes that are no input though others follow, so that they were not being written."""
-    msg = f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
+    """The error for bytes that are no input though others follow, so that they were not being
+    written.
+    """
+    msg = (
+        f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
 with what is before it, --fresh begins anew"
+    )
     return CentralError(msg)
 
 

@@ -1,4 +1,6 @@
-"""The folder of a run: its journal, its inputs, images of its state. A run that ended without a goodbye goes on."""
+"""The folder of a run: its journal, its inputs, images of its state. A run that ended without a
+goodbye goes on.
+"""
 
 import logging
 import os
@@ -32,8 +34,8 @@ class RunFolder:
     """A folder that this central alone writes to."""
 
     def __init__(self, path: Path, *, is_fresh: bool = False, accept: bool = False) -> None:
-        """With *is_fresh* a new run begins in any case; with *accept* one goes on in spite of a difference. Raises
-        CentralError.
+        """With *is_fresh* a new run begins in any case; with *accept* one goes on in spite of a
+        difference. Raises CentralError.
         """
         self.path = path
         self._lock = lock_folder(path)
@@ -54,21 +56,29 @@ class RunFolder:
         if not segments or not is_fresh:
             return recover(self.path, segments, accept=accept) if segments else None
         segments[-1].end_run("a new run was begun")
-        log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
+        log.warning(
+            "begins anew: the run that ended without a goodbye, and its tasks, are left as they are"
+        )
         return None
 
-    def open(self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
+    def open(
+        self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False
+    ) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
         inputs = None
         if keeps_inputs:
             clock = central.clock.now if run is not None else None
             inputs = InputLog(self.path, epoch=central.epoch, sync=sync, clock=clock)
-            sync = Sync.BATCH if sync is Sync.ALWAYS else sync  # the inputs lead to the same facts again
+            sync = (
+                Sync.BATCH if sync is Sync.ALWAYS else sync
+            )  # the inputs lead to the same facts again
         if run is None:
             server.log = RunLog(JournalWriter(self.path, epoch=central.epoch, sync=sync), inputs)
             return
-        journal = JournalWriter(self.path, epoch=central.epoch, sync=sync, after=run.opened, entry=run.last)
+        journal = JournalWriter(
+            self.path, epoch=central.epoch, sync=sync, after=run.opened, entry=run.last
+        )
         for entry in run.missing:
             journal.add(entry)
         if inputs is not None:
@@ -77,16 +87,21 @@ class RunFolder:
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
+    def _go_on(
+        server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool
+    ) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         if restarted.skipped and inputs is not None:
             inputs.make_safe()  # should power go again now, the same numbers must not be passed over once more
         log.warning(
             "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
-awaited%s", restarted.away, run.inputs, len(run.central.hold.awaited),
+awaited%s",
+            restarted.away,
+            run.inputs,
+            len(run.central.hold.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
-        )  # fmt: skip
+        )
         for lost in run.gone():
             server.take(lost)
 

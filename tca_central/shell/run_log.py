@@ -1,4 +1,6 @@
-"""What is written of a run: its inputs and images of its state, for central, and the journal of facts, for people."""
+"""What is written of a run: its inputs and images of its state, for central, and the journal of
+facts, for people.
+"""
 
 import os
 
@@ -17,8 +19,12 @@ LEAST_SHARE = 20
 class RunLog:
     """Files in one folder."""
 
-    def __init__(self, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0) -> None:
-        """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of the newest image."""
+    def __init__(
+        self, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0
+    ) -> None:
+        """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of
+        the newest image.
+        """
         self.folder = journal.folder
         self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
@@ -53,17 +59,21 @@ class RunLog:
         return free < LEAST_FREE and disk.f_bavail * LEAST_SHARE < disk.f_blocks
 
     def end(self, central: Central, why: str, *, is_over: bool) -> None:
-        """Write the rest, and *why* central ends; if it *is over* the run does not go on. Raises CentralError."""
+        """Write the rest, and *why* central ends; if it *is over* the run does not go on. Raises
+        CentralError.
+        """
         if self.images is not None:
             self.images.close()
         if self._inputs is not None:
             self._inputs.end(why) if is_over else self._inputs.close()
         number, now = central.events + 1, central.clock.now
-        self._journal.end(number, now, why) if is_over else self._journal.break_off(number, now, why)
+        self._journal.end(number, now, why) if is_over else self._journal.break_off(
+            number, now, why
+        )
 
     def abandon(self) -> bool:
-        """Nothing more can be written, and central goes on: the run must not go on from here later. False if the inputs
-        can't be removed.
+        """Nothing more can be written, and central goes on: the run must not go on from here later.
+        False if the inputs can't be removed.
         """
         try:
             if self._inputs is not None:

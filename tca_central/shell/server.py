@@ -1,7 +1,9 @@
-"""The ZeroMQ shell around the core: the only file of central that knows sockets, beside `door.py`, and clocks.
+"""The ZeroMQ shell around the core: the only file of central that knows sockets, beside `door.py`,
+and clocks.
 
-A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to one connection
-that arise in the same turn leave in one packet. A connection that takes no more has its packets kept, up to a bound.
+A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to
+one connection that arise in the same turn leave in one packet. A connection that takes no more has
+its packets kept, up to a bound.
 """
 
 import contextlib
@@ -76,11 +78,15 @@ PULSE_PERIOD = 1.0
 BEAT_PERIOD = 2.0  # to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # to all of them
 LOST_AFTER = 5
-"""Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as lost."""
+"""Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as
+lost.
+"""
 PACKETS_PER_TURN = 64  # so many that who sends much does not outrun a slot, which gets its next messages once a turn
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
-"""A turn that has taken in so much, or so long, ends after the packet: others wait for their answers."""
+"""A turn that has taken in so much, or so long, ends after the packet: others wait for their
+answers.
+"""
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 
 
@@ -88,11 +94,19 @@ class Daemon:
     """Central as a daemon: the core, its journal and its socket."""
 
     def __init__(
-        self, central: Central, endpoint: str, *, lost_after: int = LOST_AFTER, gate: Gate | None = None,
-        memory: int = MEMORY, tap_depth: int = TAP_DEPTH, task_depth: int = TASK_DEPTH,
-    ) -> None:  # fmt: skip
-        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many. Without a *gate*
-        everybody may come over TCP. *memory*: bytes of what modules send that are held; the others are limits, too.
+        self,
+        central: Central,
+        endpoint: str,
+        *,
+        lost_after: int = LOST_AFTER,
+        gate: Gate | None = None,
+        memory: int = MEMORY,
+        tap_depth: int = TAP_DEPTH,
+        task_depth: int = TASK_DEPTH,
+    ) -> None:
+        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many.
+        Without a *gate* everybody may come over TCP. *memory*: bytes of what modules send that are
+        held; the others are limits, too.
         """
         self._limits = memory, tap_depth, task_depth
         self.central = central
@@ -104,7 +118,11 @@ class Daemon:
         self._outboxes = Outboxes(self._send)
         self._too_slow: dict[ConnectionId, str] = {}
         self._lines = LogLines(log, central)
-        self._next_pulse, self._next_beat, self._next_sweep = PULSE_PERIOD, BEAT_PERIOD, SWEEP_PERIOD
+        self._next_pulse, self._next_beat, self._next_sweep = (
+            PULSE_PERIOD,
+            BEAT_PERIOD,
+            SWEEP_PERIOD,
+        )
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._gate = gate or gate_for(endpoint, insecure=True)
@@ -129,7 +147,9 @@ class Daemon:
         self._wake_up()
 
     def look_again(self) -> None:
-        """Look soon at what may have changed beside this process; may be called from a signal handler."""
+        """Look soon at what may have changed beside this process; may be called from a signal
+        handler.
+        """
         self._next_pulse = 0.0
         self._wake_up()
 
@@ -142,7 +162,7 @@ class Daemon:
         with contextlib.suppress(OSError):
             self._wake.send(b".")
 
-    # --- the loop --------------------------------------------------------------------------------------------------
+    # --- the loop ---------------------------------------------------------------------------------
 
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
@@ -153,7 +173,9 @@ class Daemon:
         while not self.stopping:
             patience = self._patience()
             if self._is_lively and patience > LIVELY:
-                self._is_lively = self._receive(0)  # ZeroMQ's own wait costs less, but only a packet ends it
+                self._is_lively = self._receive(
+                    0
+                )  # ZeroMQ's own wait costs less, but only a packet ends it
             else:
                 for source, _ in self._poller.poll(patience):
                     if source is self.socket:
@@ -186,7 +208,9 @@ class Daemon:
             self._outboxes.got(connection, header.size)
 
     def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
-        """An error of central's own ends it (decision 52). What brought it about is left out when it comes back."""
+        """An error of central's own ends it (decision 52). What brought it about is left out when
+        it comes back.
+        """
         if self.log is not None:
             self.log.take(Spared(index))
         what, who = type(event).__name__, ""
@@ -194,9 +218,13 @@ class Daemon:
             what = type(event.header).__name__
             sender = self.central.registry.connections.get(event.connection)
             who = f" of module '{sender.module.name}'" if sender is not None else ""
-        self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+        self.stopping = (
+            f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+        )
         log.error("%s; the event was %.1000r", self.stopping, event, exc_info=error)
-        return CentralError(f"{self.stopping}; this is a bug in central, please report it with the journal")
+        return CentralError(
+            f"{self.stopping}; this is a bug in central, please report it with the journal"
+        )
 
     def _perform(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -231,12 +259,22 @@ class Daemon:
             self._too_slow[connection] = f"it reads too slowly: {size} bytes wait for it"
 
     def _log_lost(self, error: CentralError) -> None:
-        """What is done is not recorded any more. Raises the error, unless central is to go on all the same."""
+        """What is done is not recorded any more. Raises the error, unless central is to go on all
+        the same.
+        """
         if self.log is None or not self.goes_on_unrecorded:
             self._outboxes.forget_all()  # nothing unrecorded may be sent
             raise error
-        advice = "" if self.log.abandon() else f"; remove {self.log.folder} before central is started again"
-        log.error("%s; but it goes on without a journal, as it was told: if it crashes, all is lost%s", error, advice)
+        advice = (
+            ""
+            if self.log.abandon()
+            else f"; remove {self.log.folder} before central is started again"
+        )
+        log.error(
+            "%s; but it goes on without a journal, as it was told: if it crashes, all is lost%s",
+            error,
+            advice,
+        )
         self.log = None
 
     def _look_at_log(self) -> None:
@@ -259,7 +297,9 @@ class Daemon:
         return time.monotonic() - self._began
 
     def _patience(self) -> int:
-        """Milliseconds until something is due: the next beat, or a timer, or another try with a slow connection."""
+        """Milliseconds until something is due: the next beat, or a timer, or another try with a
+        slow connection.
+        """
         until = min(self._next_beat, self._next_pulse)
         due = self.central.clock.next
         if due is not None and due < until:
@@ -269,10 +309,12 @@ class Daemon:
             return 0
         return 10 if self._outboxes.are_waiting else int(left * 1000) + 1
 
-    # --- receiving -------------------------------------------------------------------------------------------------
+    # --- receiving --------------------------------------------------------------------------------
 
     def _receive(self, flags: int = _DONTWAIT) -> bool:
-        """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a moment for it."""
+        """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a
+        moment for it.
+        """
         receive, size, until = self.socket.recv, 0, 0.0
         self._has_arrived()  # else ZeroMQ looks for others only each hundred frames, while one has sent more
         for count in range(PACKETS_PER_TURN):
@@ -280,7 +322,9 @@ class Daemon:
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))
-            except zmq.Again:  # dearer than to ask, but where there are two packets there may be many
+            except (
+                zmq.Again
+            ):  # dearer than to ask, but where there are two packets there may be many
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
@@ -328,11 +372,15 @@ class Daemon:
             self._put(connection, Unknown(), b"")
 
     def _lines_of(self, connection: ConnectionId) -> int:
-        """The number of lines that close with a connection: its own, and its process's pulse with the last one."""
+        """The number of lines that close with a connection: its own, and its process's pulse with
+        the last one.
+        """
         known = self.central.registry.connections
         if (leaving := known.get(connection)) is None:
             return 0
-        return 1 + (bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1)
+        return 1 + (
+            bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1
+        )
 
     def _ask_gate(self) -> None:
         """Keys and permissions may have changed."""
@@ -342,13 +390,16 @@ class Daemon:
                 self._put(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
 
     def _find_lost(self) -> None:
-        """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
-        does), and now and then.
+        """Beat to those who wait for an answer; to all when some are gone, for the door does not
+        tell which (the socket does), and now and then.
         """
         now, known = self.now(), self.central.registry.connections
         is_sweep = self._has_lost or now >= self._next_sweep
         if self._has_lost:
-            self._has_lost, self._next_sweep = False, now + PULSE_PERIOD  # the door may be ahead of the socket
+            self._has_lost, self._next_sweep = (
+                False,
+                now + PULSE_PERIOD,
+            )  # the door may be ahead of the socket
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
             self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
@@ -362,7 +413,9 @@ class Daemon:
             self._greet(connection)
         self._too_slow.clear()
         beats = [
-            one for one in known.values() if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
+            one
+            for one in known.values()
+            if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
         ]
         gone = [one.id for one in beats if not self._beat(one.id)]
         if gone:
@@ -381,7 +434,9 @@ class Daemon:
         return True
 
     def _find_silent(self) -> None:
-        """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
+        """Beat to every process; those that stand still do not send it back, whatever the kernel
+        says of them.
+        """
         self._next_pulse = self.now() + PULSE_PERIOD
         self._look_at_log()
         self._ask_gate()
@@ -403,7 +458,9 @@ class Daemon:
                 pulses.gone(pulse)
 
     def _hear_last_words(self) -> None:
-        """Let happen all that has arrived by now: a connection may have said goodbye before it went."""
+        """Let happen all that has arrived by now: a connection may have said goodbye before it
+        went.
+        """
         for _ in range(TURNS_OF_LAST_WORDS):
             if not self._receive():
                 return
@@ -413,7 +470,7 @@ class Daemon:
         # Asking is cheaper than the exception that a socket without messages raises.
         return bool(int(self.socket.getsockopt(_EVENTS)) & _POLLIN)
 
-    # --- sending ---------------------------------------------------------------------------------------------------
+    # --- sending ----------------------------------------------------------------------------------
 
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
@@ -421,17 +478,21 @@ class Daemon:
         self._outboxes.put(connection, codec.pack_apart(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
-        """Send a packet; False if the line takes no more now. Raises ConnectionError if there is none."""
+        """Send a packet; False if the line takes no more now. Raises ConnectionError if there is
+        none.
+        """
         try:
             self.socket.send(connection, _SNDMORE)
             self.socket.send(packet, _DONTWAIT)
         except zmq.Again:
-            return connection not in self.central.registry.connections  # for a stranger nothing is kept
+            return (
+                connection not in self.central.registry.connections
+            )  # for a stranger nothing is kept
         except zmq.ZMQError as error:
             raise ConnectionError from error
         return True
 
-    # --- beginning and end -----------------------------------------------------------------------------------------
+    # --- beginning and end ------------------------------------------------------------------------
 
     def _bind(self, endpoint: str) -> tuple[zmq.Socket[bytes], Door]:
         socket = self._context.socket(zmq.ROUTER)
@@ -482,7 +543,9 @@ def _as_kept(event: Input, events: Sequence[Event]) -> Input:
 
 
 def _lock_of(endpoint: str) -> int:
-    """Make sure that no other central has this Unix socket: ZeroMQ itself would take it over without a word."""
+    """Make sure that no other central has this Unix socket: ZeroMQ itself would take it over
+    without a word.
+    """
     if not endpoint.startswith("ipc:///"):
         return -1
     path = Path(endpoint.removeprefix("ipc://"))
@@ -491,7 +554,9 @@ def _lock_of(endpoint: str) -> int:
         owner = path.parent.stat().st_uid
         if path.parent == default_folder() and owner == os.getuid():
             path.parent.chmod(0o700)  # whoever made it: only its owner shall enter
-        locked = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        locked = os.open(
+            f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
+        )
         lock(locked)
     except BlockingIOError:
         msg = f"can't listen on {endpoint}: another central uses it; stop that one, or choose another with --bind"

@@ -24,7 +24,9 @@ class Difference(CentralError):
             what = f"it lacks entry {given.number}"
         else:
             what = f"entry {given.number} is another one now"
-        super().__init__(f"{path}, byte {offset}: the journal differs from what the inputs lead to: {what}. {_ADVICE}")
+        super().__init__(
+            f"{path}, byte {offset}: the journal differs from what the inputs lead to: {what}. {_ADVICE}"
+        )
         self.path, self.offset = path, offset
         self.written, self.given = written, given  #: the entries at the first difference
 
@@ -46,8 +48,8 @@ class WrittenFacts:
         self._next = next(self._entries, None)
 
     def compare(self, given: Iterator[Entry], missing: list[Entry]) -> Difference | None:
-        """The first difference to what the inputs lead to; None if there is none. Entries that the journal lacks at its
-        end are *missing*; so is the one at a difference.
+        """The first difference to what the inputs lead to; None if there is none. Entries that the
+        journal lacks at its end are *missing*; so is the one at a difference.
         """
         for entry in given:
             if self._next is None:
@@ -77,7 +79,9 @@ class WrittenFacts:
         return whole
 
     def put_aside(self, difference: Difference) -> None:
-        """Go on with what the inputs lead to; what the journal has from there on is kept in files beside it."""
+        """Go on with what the inputs lead to; what the journal has from there on is kept in files
+        beside it.
+        """
         path, place = difference.path, self._paths.index(difference.path)
         self.aside += 1 + sum(1 for _ in self._entries)
         put_aside(path, difference.offset, *self._paths[place + 1 :])
@@ -91,11 +95,13 @@ class WrittenFacts:
                 path.unlink()
         sync_path(self._folder)
         for path in self._paths:
-            sync_path(path)  # nothing leads to them again when there is an image of what came after them
+            sync_path(
+                path
+            )  # nothing leads to them again when there is an image of what came after them
         if self._paths:
             cut(self._paths[-1], self._end)
 
-    # --- reading ---------------------------------------------------------------------------------------------------
+    # --- reading ----------------------------------------------------------------------------------
 
     def _of_run(self, epoch: str, after: int) -> list[Path]:
         """The run's segments from the one in which that entry is."""
@@ -149,7 +155,10 @@ def _beginning(path: Path) -> tuple[Opened | None, int]:
 def newest_segment(folder: Path) -> tuple[Path, str] | None:
     """The newest segment that says whose it is, and the epoch of its run."""
     paths = reversed(files_of(folder, SEGMENT_SUFFIX))
-    return next(((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None), None)
+    return next(
+        ((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None),
+        None,
+    )
 
 
 def is_closed(path: Path) -> bool:

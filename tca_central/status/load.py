@@ -1,7 +1,7 @@
 """The load, and the longest waits: what ``tca status`` and ``tca top`` show. Changes nothing.
 
-Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns the rates. Times are
-seconds of central's clock.
+Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns
+the rates. Times are seconds of central's clock.
 """
 
 import heapq
@@ -22,7 +22,9 @@ from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
-"""Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
+"""Living tasks, the oldest, among which those that are held are looked for and counted: nothing
+need be noted of it.
+"""
 _EDGES = 10_000
 """Edges of the graph of needs, visited to find the last causes of waits."""
 _ENDS = 10
@@ -34,7 +36,9 @@ _Since = tuple[float, Callable[[], Waiter]]
 
 
 def load(central: State) -> dict[str, Any]:
-    """Counts of everything and the longest waits, SHOWN_WAITS of a kind; "ends": what most held tasks wait for."""
+    """Counts of everything and the longest waits, SHOWN_WAITS of a kind; "ends": what most held
+    tasks wait for.
+    """
     registry = central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
     ends = Ends(central, _EDGES)
@@ -60,8 +64,8 @@ def load(central: State) -> dict[str, Any]:
 
 
 def _memory(central: State) -> dict[str, tuple[int, int]]:
-    """What each part of the budget holds, and may hold, in bytes; but what was sent and not read, which is the
-    server's.
+    """What each part of the budget holds, and may hold, in bytes; but what was sent and not read,
+    which is the server's.
     """
     budget = central.budget
     return {
@@ -116,16 +120,26 @@ def _handled(one: Delivery, now: float) -> dict[str, Any]:
 
 
 def _waits(central: State) -> Iterator[_Since]:
-    """The oldest message in each queue, those that wait for a handler, claims, and handlers that wait."""
-    for resource in (one for module in central.registry.modules.values() for one in module.resources.values()):
+    """The oldest message in each queue, those that wait for a handler, claims, and handlers that
+    wait.
+    """
+    for resource in (
+        one for module in central.registry.modules.values() for one in module.resources.values()
+    ):
         if (first := min(resource.queued(), key=_SINCE, default=None)) is not None:
-            yield first.since, _queued(central, first, TurnAt(first, resource), resource.waiting - 1)
+            yield (
+                first.since,
+                _queued(central, first, TurnAt(first, resource), resource.waiting - 1),
+            )
     for message in central.registry.messages.values():
         for first in islice(message.waiting.values(), 1):
             yield first.since, _queued(central, first, Turn(first), len(message.waiting) - 1)
     for connection in central.registry.connections.values():
         for number, wait in (*connection.waits.items(), *connection.pauses.items()):
-            yield wait.at, _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at)
+            yield (
+                wait.at,
+                _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at),
+            )
     yield from _claims(central)
 
 
@@ -139,22 +153,32 @@ def _claims(central: State) -> Iterator[_Since]:
 
 def _queued(central: State, first: Delivery, node: Node, more: int) -> Callable[[], Waiter]:
     name, seconds = first.message.name, central.clock.now - first.since
-    return lambda: Waiter(first.message_id, name, more=more, seconds=seconds, waits=tuple(waits_of(central, node)))
+    return lambda: Waiter(
+        first.message_id, name, more=more, seconds=seconds, waits=tuple(waits_of(central, node))
+    )
 
 
-def _blocking(central: State, connection: Connection, origin: int, node: Node, since: float) -> Callable[[], Waiter]:
+def _blocking(
+    central: State, connection: Connection, origin: int, node: Node, since: float
+) -> Callable[[], Waiter]:
     handled, seconds = central.dispatcher.running.get(origin), central.clock.now - since
     number, name = (handled.message_id, handled.message.name) if handled is not None else (0, "")
     module = connection.module.name
-    return lambda: Waiter(number, name, module, seconds=seconds, waits=tuple(waits_of(central, node)))
+    return lambda: Waiter(
+        number, name, module, seconds=seconds, waits=tuple(waits_of(central, node))
+    )
 
 
 def _held(central: State) -> list[Task]:
-    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors that are waited for;
-    those first that were sent or last handled first.
+    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors
+    that are waited for; those first that were sent or last handled first.
     """
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
-    held = [one for one in oldest if _is_held(one) and one.slot is None and one.queues is None and not one.killed]
+    held = [
+        one
+        for one in oldest
+        if _is_held(one) and one.slot is None and one.queues is None and not one.killed
+    ]
     return sorted(held, key=_SINCE)
 
 
@@ -174,16 +198,28 @@ def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
     return _waiter(central, task, task.since, waits, None if end in waits else end)
 
 
-def _waiter(central: State, task: Task, since: float, waits: tuple[WaitFor, ...], end: WaitFor | None = None) -> Waiter:
+def _waiter(
+    central: State, task: Task, since: float, waits: tuple[WaitFor, ...], end: WaitFor | None = None
+) -> Waiter:
     seconds = max(central.clock.now - since, 0.0)
-    return Waiter(task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end)
+    return Waiter(
+        task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end
+    )
 
 
 def _suspended(central: State) -> list[Waiter]:
     """The topmost suspended tasks (those under them are, too), the longest first."""
-    noted = ((central.tree.tasks[number], *how) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
+    noted = (
+        (central.tree.tasks[number], *how)
+        for number, how in islice(central.tree.suspended.items(), LOOKED_AT)
+    )
     return [
-        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=is_born_so),))
+        _waiter(
+            central,
+            task,
+            since,
+            (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=is_born_so),),
+        )
         for task, since, by, is_born_so in noted
         if task.parent is None or not task.parent.suspended
     ]
@@ -202,7 +238,9 @@ def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
     """The handler of a task, with its waits or, if it has none, its last request."""
     because = tuple(waits_of(central, Returning(task)))
     asked = [
-        number for number, due in slot.outstanding.items() if getattr(due, "origin", task.given_as) == task.given_as
+        number
+        for number, due in slot.outstanding.items()
+        if getattr(due, "origin", task.given_as) == task.given_as
     ]
     if not because and asked:
         because = tuple(waits_of(central, Waiting(slot, asked[-1])))

@@ -43,8 +43,11 @@ def overview(central: State) -> dict[str, Any]:
         "exception handlers": len(central.attached),
         "wiretaps": len(central.taps),
         "being handled": len(central.dispatcher.running),
-        "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
-        "dropped": registry.dropped + sum(message.dropped for message in registry.messages.values()),
+        "waiting for a handler": sum(
+            len(message.waiting) for message in registry.messages.values()
+        ),
+        "dropped": registry.dropped
+        + sum(message.dropped for message in registry.messages.values()),
         "forgotten answers": central.answers.forgotten,
         "newest id": central.tree.newest,
     }
@@ -135,7 +138,10 @@ def describe(task: Task | KeptTask) -> dict[str, Any]:
 def _living(task: Task) -> dict[str, Any]:
     return {
         "reached": describe_moments(task.reached),
-        "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
+        "held": {
+            describe_moments(Moment(moment))[0]: count
+            for moment, count in held_counts(task).items()
+        },
         "module": task.slot.module.name if task.slot else "",
         "suspended": task.suspended,
         "killed": task.killed,
@@ -157,8 +163,12 @@ def _ended(task: KeptTask) -> dict[str, Any]:
     }
 
 
-def relatives(central: State, task: Task | KeptTask | None, relation: str, message: str) -> list[dict[str, Any]]:
-    """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest first."""
+def relatives(
+    central: State, task: Task | KeptTask | None, relation: str, message: str
+) -> list[dict[str, Any]]:
+    """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest
+    first.
+    """
     if task is None:
         return []
     living = task if isinstance(task, Task) else None
@@ -170,15 +180,25 @@ def relatives(central: State, task: Task | KeptTask | None, relation: str, messa
         "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
         "kept": task.keeping.records.values() if task.keeping is not None else (),
     }
-    wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
+    wanted = (
+        one
+        for one in related[relation]
+        if one is not None and one.id and message in ("", one.message.name)
+    )
     return [
-        {**describe(one), "data": one.body, "result": one.outcome[3] if isinstance(one, KeptTask) else b""}
+        {
+            **describe(one),
+            "data": one.body,
+            "result": one.outcome[3] if isinstance(one, KeptTask) else b"",
+        }
         for one in itertools.islice(wanted, SHOWN_TASKS)
     ]
 
 
 def variables(central: State) -> list[dict[str, Any]]:
-    """Each variable with its value as MessagePack (left out if it is long), who set it and who watches it."""
+    """Each variable with its value as MessagePack (left out if it is long), who set it and who
+    watches it.
+    """
     found = []
     for message in central.registry.messages.values():
         if not message.message_class.keeps_value:
@@ -198,9 +218,9 @@ def variables(central: State) -> list[dict[str, Any]]:
 
 
 def attached(central: State) -> dict[str, Any]:
-    """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that are handled again
-    last), at most SHOWN_TASKS of each, and in "totals" how many there are. A *task* of 0 without a *message* is the
-    root; a *failure* of "" is any.
+    """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that
+    are handled again last), at most SHOWN_TASKS of each, and in "totals" how many there are. A
+    *task* of 0 without a *message* is the root; a *failure* of "" is any.
     """
     ready = central.registry.ready_programs()
     handlers = [
@@ -230,9 +250,16 @@ def attached(central: State) -> dict[str, Any]:
     watches = itertools.islice(central.watches.values(), SHOWN_TASKS)
     monitors = [_monitor(central, watch.task, ready) for watch in watches]
     totals = {
-        "exception_handlers": len(central.attached), "wiretaps": len(central.taps), "monitors": len(central.watches)
-    }  # fmt: skip
-    return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors, "totals": totals}
+        "exception_handlers": len(central.attached),
+        "wiretaps": len(central.taps),
+        "monitors": len(central.watches),
+    }
+    return {
+        "exception_handlers": handlers,
+        "wiretaps": wiretaps,
+        "monitors": monitors,
+        "totals": totals,
+    }
 
 
 def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
@@ -240,12 +267,21 @@ def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
     senders = [task.sender.module.holder] if task.sender else []
     held = _held(central, senders, place, ready)
     modules = held["modules"] or [CENTRAL]
-    return {"id": int(task.id), "monitor": task.message.name, **_place(place), **held, "modules": modules}
+    return {
+        "id": int(task.id),
+        "monitor": task.message.name,
+        **_place(place),
+        **held,
+        "modules": modules,
+    }
 
 
-def _held(central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]) -> dict[str, Any]:
-    """The modules that attached something. *gone* are those that have left; *earlier* those of which a later run is
-    there that has not attached it. It *is stale* if there are no others; what hangs at a task is not, and ends with it.
+def _held(
+    central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]
+) -> dict[str, Any]:
+    """The modules that attached something. *gone* are those that have left; *earlier* those of
+    which a later run is there that has not attached it. It *is stale* if there are no others; what
+    hangs at a task is not, and ends with it.
     """
     holders, runs = list(holders), central.registry.modules
     back = ready - {one.called for one in holders if one.run in runs}
@@ -277,19 +313,29 @@ TOPICS = {
 """One row per topic that can be asked for."""
 
 
-# --- requests --------------------------------------------------------------------------------------------------------
+# --- requests -------------------------------------------------------------------------------------
 
 
 def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
     """A module asks what central knows of a topic."""
-    _answer(central, connection, header.number, TOPICS[header.topic](central), f"the answer to '{header.topic}'")
+    _answer(
+        central,
+        connection,
+        header.number,
+        TOPICS[header.topic](central),
+        f"the answer to '{header.topic}'",
+    )
 
 
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
     """A module asks about a task and its relatives."""
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    found = relatives(central, task or central.memory.kept.get(header.task), header.relation, header.message)
-    _answer(central, connection, header.number, found, f"the {header.relation} of task {header.task}")
+    found = relatives(
+        central, task or central.memory.kept.get(header.task), header.relation, header.message
+    )
+    _answer(
+        central, connection, header.number, found, f"the {header.relation} of task {header.task}"
+    )
 
 
 def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:

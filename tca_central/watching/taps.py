@@ -1,9 +1,11 @@
-"""Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5: msgTap.c).
+"""Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5:
+msgTap.c).
 
-Theory of operation. A tap is fired *before* a moment, which it holds back until its listener's interval of the same
-kind has ended, or *at* something that has happened. A listener that holds the tapped task, or checks what it did, is
-its child: its failure is handled there, and it dies with it. A listener that holds nothing hangs under the root, so
-that an observer's failure is not the observed task's. What is sent for a tap is itself not tapped.
+Theory of operation. A tap is fired *before* a moment, which it holds back until its listener's
+interval of the same kind has ended, or *at* something that has happened. A listener that holds the
+tapped task, or checks what it did, is its child: its failure is handled there, and it dies with it.
+A listener that holds nothing hangs under the root, so that an observer's failure is not the
+observed task's. What is sent for a tap is itself not tapped.
 """
 
 from collections.abc import Iterable
@@ -20,7 +22,13 @@ from tca_central.model.tasks import Tapping, Task, place_of
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
 from tca_central.state import State
-from tca_central.watching.watches import become_monitor, check_options, end_monitor, ends_by_itself, enlist_monitor
+from tca_central.watching.watches import (
+    become_monitor,
+    check_options,
+    end_monitor,
+    ends_by_itself,
+    enlist_monitor,
+)
 from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
@@ -35,7 +43,15 @@ from tca_wire.points import (
     Moment,
     Point,
 )
-from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
+from tca_wire.rules import (
+    CONDITIONS,
+    DELIVERED,
+    FAILURE,
+    LISTENERS,
+    REPLIED,
+    SUCCESS,
+    recurs_on_retry,
+)
 from tca_wire.vocabulary import CENTRAL, Condition, Refusal, Role
 
 MOST_TAPS = 1000
@@ -46,10 +62,12 @@ _PLANNED_BY = {
     Condition.BEFORE_PLANNING: "'before handling' holds a goal's planning, too, until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
+"""Conditions that hold a goal until the listener is planned, and what to do with one that has
+nothing to plan.
+"""
 
 
-# --- adding and removing ---------------------------------------------------------------------------------------------
+# --- adding and removing --------------------------------------------------------------------------
 
 
 def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes) -> None:
@@ -64,12 +82,19 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
     if isinstance(place, Task) and place.id not in central.tree.tasks:
-        central.accept(connection, header.number, _call_for_ended(central, connection.module, header, listener, place))
+        central.accept(
+            connection,
+            header.number,
+            _call_for_ended(central, connection.module, header, listener, place),
+        )
         return
     tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.holder
     for other in list(place.taps):
-        is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
+        is_said_anew = (other.condition, other.listener) == (
+            tap.condition,
+            listener,
+        ) and other is not tap
         if is_said_anew and connection.module.name in other.holders:
             remove(central, other, connection.module)  # its monitor is to watch as is said now
     _ask_waiting(central, tap)
@@ -79,42 +104,69 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
 
 
 def _place(central: State, header: headers.Tap) -> Task | MessageType:
-    """The message or task that is tapped; for a call at once a stand-in where the task has ended."""
+    """The message or task that is tapped; for a call at once a stand-in where the task has
+    ended.
+    """
     place: Task | MessageType | None
     if header.message:
         if header.at_once:
-            raise RequestError(Refusal.PROTOCOL, f"all '{header.message}' can't be tapped at once: one task can")
+            raise RequestError(
+                Refusal.PROTOCOL, f"all '{header.message}' can't be tapped at once: one task can"
+            )
         place = central.registry.messages.get(header.message)
     else:
-        place = central.tree.task(header.task) or (_ended(central, header) if header.at_once else None)
+        place = central.tree.task(header.task) or (
+            _ended(central, header) if header.at_once else None
+        )
     if place is None:
-        which = f"'{header.message}' is not declared" if header.message else f"task {header.task} has ended"
-        raise RequestError(Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped")
+        which = (
+            f"'{header.message}' is not declared"
+            if header.message
+            else f"task {header.task} has ended"
+        )
+        raise RequestError(
+            Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped"
+        )
     return place
 
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
-    """Raises RequestError if such a message can't be tapped so, or the listener can't listen to it."""
+    """Raises RequestError if such a message can't be tapped so, or the listener can't listen to
+    it.
+    """
     if tapped.message_class not in CONDITIONS[condition].classes:
         text = f"{tapped.title} can't be tapped '{condition}'"
-        raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
+        raise RequestError(
+            Refusal.PROTOCOL, f"{text}: that never happens to messages of this class"
+        )
     if listener.message_class not in LISTENERS or listener.is_notice:
         what = "notice" if listener.is_notice else listener.message_class
         text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
-    if condition in _PLANNED_BY and listener.message_class.is_task and not listener.message_class.is_goal:
+    if (
+        condition in _PLANNED_BY
+        and listener.message_class.is_task
+        and not listener.message_class.is_goal
+    ):
         text = f"{listener.title} has nothing to plan: '{condition}' it would not hold any planning"
-        raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
+        raise RequestError(
+            Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}"
+        )
     heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
-    difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+    difference = (
+        first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+    )
     if difference:
         text = f"listener '{listener.name}' gets the data of '{tapped.name}' and wants others: {difference}"
-        raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
+        raise RequestError(
+            Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)"
+        )
 
 
 def _is_due(header: headers.Tap, task: Task) -> bool:
-    """Whether the listener is to be sent at once. Raises RequestError if what a task is to be tapped for is past, and
-    it is not, or can't be, sent so. Its handling may come again, with a retry.
+    """Whether the listener is to be sent at once. Raises RequestError if what a task is to be
+    tapped for is past, and it is not, or can't be, sent so. Its handling may come again, with a
+    retry.
     """
     condition, rule = header.condition, CONDITIONS[header.condition]
     if header.at_once:
@@ -123,9 +175,16 @@ def _is_due(header: headers.Tap, task: Task) -> bool:
             return True
     moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
     is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
-    if condition is Condition.WHEN_SENT or is_killed or task.reached == ALL_MOMENTS or task.reached & moments:
+    if (
+        condition is Condition.WHEN_SENT
+        or is_killed
+        or task.reached == ALL_MOMENTS
+        or task.reached & moments
+    ):
         how = "it was killed" if task.killed and not is_killed else "that is past"
-        raise RequestError(Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: {how}")
+        raise RequestError(
+            Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: {how}"
+        )
     return False
 
 
@@ -133,13 +192,17 @@ def _check_at_once(condition: Condition) -> None:
     """Raises RequestError if a condition that is past can't be made up for."""
     rule, text = CONDITIONS[condition], f"'{condition}' can't be called at once"
     if rule.holds_until:
-        raise RequestError(Refusal.PROTOCOL, f"{text}: it holds back what is to come; use a 'while' condition")
+        raise RequestError(
+            Refusal.PROTOCOL, f"{text}: it holds back what is to come; use a 'while' condition"
+        )
     if rule.at & (SUCCESS | FAILURE | REPLIED):
         raise RequestError(Refusal.PROTOCOL, f"{text}: it is not remembered; 'after handled' is")
 
 
 def _has_happened(condition: Condition, task: Task) -> bool:
-    """Whether what a task is tapped for has happened; of *while* conditions also that it goes on."""
+    """Whether what a task is tapped for has happened; of *while* conditions also that it goes
+    on.
+    """
     rule = CONDITIONS[condition]
     if condition is Condition.WHEN_SENT:
         return True
@@ -147,7 +210,11 @@ def _has_happened(condition: Condition, task: Task) -> bool:
         return condition is Condition.WHEN_KILLED and bool(task.killed)
     if condition is Condition.WHILE_HANDLING:
         return task.is_running
-    moments = END_HANDLING if condition is Condition.AFTER_HANDLED else (rule.before | rule.at) & ALL_MOMENTS
+    moments = (
+        END_HANDLING
+        if condition is Condition.AFTER_HANDLED
+        else (rule.before | rule.at) & ALL_MOMENTS
+    )
     return bool(task.reached & moments) and not task.reached & rule.lasts_until
 
 
@@ -163,19 +230,33 @@ def _ended(central: State, header: headers.Tap) -> Task | None:
     return task
 
 
-def _call_for_ended(central: State, by: Module, header: headers.Tap, listener: MessageType, task: Task) -> int:
-    """Send the listener of a wiretap on a task that has ended, with the data that it was kept with; the tap's id."""
+def _call_for_ended(
+    central: State, by: Module, header: headers.Tap, listener: MessageType, task: Task
+) -> int:
+    """Send the listener of a wiretap on a task that has ended, with the data that it was kept with;
+    the tap's id.
+    """
     if listener.format.data != NO_DATA and task.id not in central.memory.kept:
-        advice = "send the task with keep=True, or tap it with a listener that is declared without data"
-        raise RequestError(Refusal.TOO_LATE, f"{task} has ended, and its data are forgotten: {advice}")
+        advice = (
+            "send the task with keep=True, or tap it with a listener that is declared without data"
+        )
+        raise RequestError(
+            Refusal.TOO_LATE, f"{task} has ended, and its data are forgotten: {advice}"
+        )
     tap = Wiretap(central.new_id(), header.condition, listener, task)
     tap.watch = header.watch
-    central.facts.append(facts.TapAdded(tap.id, tap.condition, listener.name, task.message.name, header.task, by.name))
+    central.facts.append(
+        facts.TapAdded(
+            tap.id, tap.condition, listener.name, task.message.name, header.task, by.name
+        )
+    )
     _fire(central, tap, task, task.body)
     return tap.id
 
 
-def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:
+def _check_monitor(
+    central: State, header: headers.Tap, tapped: MessageType, listener: MessageType
+) -> None:
     """Raises RequestError if a monitor that listens so would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
@@ -188,10 +269,16 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
 
 
 def _add(
-    central: State, by: Module, header: headers.Tap, listener: MessageType, tapped: MessageType,
+    central: State,
+    by: Module,
+    header: headers.Tap,
+    listener: MessageType,
+    tapped: MessageType,
     place: Task | MessageType,
-) -> Wiretap:  # fmt: skip
-    """Add a tap, or find the same one added before: it fires once. Other watch options make another listener."""
+) -> Wiretap:
+    """Add a tap, or find the same one added before: it fires once. Other watch options make another
+    listener.
+    """
     condition = header.condition
     others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -208,16 +295,22 @@ def _add(
     others.append(tap)
     central.taps[tap.id] = tap
     if tap.at & DELIVERED:
-        for handler in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
+        for (
+            handler
+        ) in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
             central.dispatcher.messages_ahead.recall(handler.resource)
     task = place.id if isinstance(place, Task) else ROOT
-    central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
+    central.facts.append(
+        facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name)
+    )
     direct_routes.review(central, [tapped])
     return tap
 
 
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
-    """Remove a module's share in a tap; the tap goes with the last living program that added it, or *for_all*."""
+    """Remove a module's share in a tap; the tap goes with the last living program that added it, or
+    *for_all*.
+    """
     tap.holders.pop(by.name, None)
     others = () if for_all else tap.holders.values()
     if any(one.called != by.called or one.run in central.registry.modules for one in others):
@@ -235,7 +328,7 @@ def forget_task(central: State, task: Task) -> None:
         del central.taps[tap.id]
 
 
-# --- waiting messages ------------------------------------------------------------------------------------------------
+# --- waiting messages -----------------------------------------------------------------------------
 
 
 def _ask_waiting(central: State, tap: Wiretap) -> None:
@@ -261,7 +354,9 @@ def listeners_come(central: State, names: Iterable[str]) -> None:
 
 
 def _waiting(central: State, tap: Wiretap) -> list[Task]:
-    """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold such."""
+    """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold
+    such.
+    """
     if not tap.before & STARTS:
         return []
     place = place_of(tap)
@@ -271,16 +366,20 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
 
 
 def _hold_back(central: State, task: Task) -> None:
-    """Let a task that waits to be given to a handler be looked at anew; it keeps its place among the others."""
+    """Let a task that waits to be given to a handler be looked at anew; it keeps its place among
+    the others.
+    """
     central.dispatcher.withdraw(task, keep_place=True)
     central.agenda.request_again(task)
 
 
-# --- firing ----------------------------------------------------------------------------------------------------------
+# --- firing ---------------------------------------------------------------------------------------
 
 
 def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
-    """Something has happened to a message: fire the taps for it, with *body* or the message's own data."""
+    """Something has happened to a message: fire the taps for it, with *body* or the message's own
+    data.
+    """
     if not central.taps:
         return
     for tap in taps_of(tapped):
@@ -296,11 +395,15 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)  # else once more
+        Tapping.of(task).fired[tap.id] = listener is not None or bool(
+            tap.listener.handlers
+        )  # else once more
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
-        if tap.before == START_HANDLING and task.reached & START_HANDLING:  # it is handled once more
+        if (
+            tap.before == START_HANDLING and task.reached & START_HANDLING
+        ):  # it is handled once more
             central.agenda.holds.hold(listener, interval, task, START_HANDLING)
             continue
         moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
@@ -327,13 +430,21 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
 
 
 def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
-    """Whether there is no room for a listener, or there are too many in its chain. Says so in the journal."""
+    """Whether there is no room for a listener, or there are too many in its chain. Says so in the
+    journal.
+    """
     message = tap.listener
-    if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:  # most are refused when they are sent
+    if (
+        max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth
+    ):  # most are refused when they are sent
         message.dropped += 1
-        central.facts.append(facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped)))
+        central.facts.append(
+            facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))
+        )
         return True
-    return message.message_class.is_task and central.keep_out(f"listener '{message.name}' of {tapped}", body)
+    return message.message_class.is_task and central.keep_out(
+        f"listener '{message.name}' of {tapped}", body
+    )
 
 
 def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:
@@ -342,7 +453,11 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     task = tapped if isinstance(tapped, Task) else None
     is_alive = tapped.id in central.tree.tasks
     watches_it = message.is_aside and rule.finds_it_alive and not rule.is_child
-    parent = task if task is not None and is_alive and (rule.is_child or watches_it) else central.tree.root
+    parent = (
+        task
+        if task is not None and is_alive and (rule.is_child or watches_it)
+        else central.tree.root
+    )
     options = tap.watch or WatchOptions()
     is_bounded = ends_by_itself(message, options) or options.waited_for
     if task is not None and rule.lasts_until:
@@ -357,7 +472,16 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
         listener.is_watcher = listener.is_watcher and not rule.is_child
 
     context = Listening(tap, tapped)
-    listener = make_task(central, message, body, parent, Role.LISTENER, about=tapped, context=context, prepare=prepare)
+    listener = make_task(
+        central,
+        message,
+        body,
+        parent,
+        Role.LISTENER,
+        about=tapped,
+        context=context,
+        prepare=prepare,
+    )
     enlist_monitor(central, listener)
     if task is not None and rule.lasts_until:
         Tapping.of(task).listeners.append(listener)
@@ -367,7 +491,9 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
 def _end_those_before(central: State, tap: Wiretap, tapped: Task) -> None:
     """A task is handled anew: end the monitors that a wiretap has had watch it till now."""
     tapping = Tapping.of(tapped)
-    tapping.listeners = living = [other for other in tapping.listeners if other.reached != ALL_MOMENTS]
+    tapping.listeners = living = [
+        other for other in tapping.listeners if other.reached != ALL_MOMENTS
+    ]
     for other in living:
         if heard_by(other).tap is tap and other.watch is not None:
             end_monitor(central, other.watch, f"{tapped} is handled anew")

@@ -32,7 +32,9 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
     if polls:
         checked_seconds(options.period, f"{what} with a period")
     if polls and options.period < SHORTEST_PERIOD:
-        text = f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        text = (
+            f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     if options.fire_every < 1 or options.maximum < 0:
         text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
@@ -55,18 +57,21 @@ def become_monitor(central: State, task: Task, options: WatchOptions, *, is_gues
 
 
 def enlist_monitor(central: State, task: Task) -> None:
-    """A new task has its place in the tree: a monitor is known among those that watch, or are still to, if it lives."""
+    """A new task has its place in the tree: a monitor is known among those that watch, or are still
+    to, if it lives.
+    """
     if task.watch is not None and not task.killed:
         central.watches[task.id] = task.watch
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor under *parent* comes from elsewhere than the handling of *parent*: a retry then spares it,
-    since nobody would put it there again. *origin* is the delivery whose handler sends it (0: none).
+    """Whether a monitor under *parent* comes from elsewhere than the handling of *parent*: a retry
+    then spares it, since nobody would put it there again. *origin* is the delivery whose handler
+    sends it (0: none).
 
-    Follows what led to that handler back to *parent*. Exception handlers come from elsewhere, and so does what the
-    monitors of others send, and listeners that a retry does not send again. Each step leads to something older, so the
-    search ends at what is older than *parent*.
+    Follows what led to that handler back to *parent*. Exception handlers come from elsewhere, and
+    so does what the monitors of others send, and listeners that a retry does not send again. Each
+    step leads to something older, so the search ends at what is older than *parent*.
     """
     one = central.dispatcher.running.get(origin)
     is_own = origin == parent.given_as
@@ -109,8 +114,18 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
         return
     central.facts.append(facts.MonitorEnded(watch.task.id, why))
     central.agenda.tap_events.append((watch.task, RETURNED))
-    if not watch.task.message.message_class.has_condition and (cancel := watch.parts[_CANCEL]) is not None:
-        make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
+    if (
+        not watch.task.message.message_class.has_condition
+        and (cancel := watch.parts[_CANCEL]) is not None
+    ):
+        make(
+            central,
+            cancel,
+            data_for(cancel, watch.task.body),
+            watch.task,
+            Role.CANCEL,
+            context=watch,
+        )
 
 
 def end_monitor(central: State, watch: Watch, why: str) -> None:

@@ -1,8 +1,9 @@
 """A slot's entrance for direct messages.
 
-Senders greet with the licence that central gave them, and number their messages: none is handled twice, and an answer
-is kept for a while in case it is lost with a line. The slot takes a message when it handles nothing else. When this is
-full, the rest waits in the socket and with the senders. Bad bytes, unknown messages and strangers are refused.
+Senders greet with the licence that central gave them, and number their messages: none is handled
+twice, and an answer is kept for a while in case it is lost with a line. The slot takes a message
+when it handles nothing else. When this is full, the rest waits in the socket and with the senders.
+Bad bytes, unknown messages and strangers are refused.
 """
 
 import logging
@@ -20,7 +21,10 @@ from tca_wire.packets.licences import number_of
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
-MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; more stay in the socket
+MOST_WAITING, MOST_BYTES = (
+    2000,
+    128 << 20,
+)  # messages, and bytes of their data; more stay in the socket
 MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
 BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
@@ -55,7 +59,9 @@ class _RemoteSender:
         self.missing: set[int] = set()  #: numbers that did not arrive, and may come again
         self.open: dict[int, _Waiting] = {}  #: queries that were not answered
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}  #: the newest, oldest first
-        self.begun = greet.newest  #: the highest number that was begun with, or of which nothing is known
+        self.begun = (
+            greet.newest
+        )  #: the highest number that was begun with, or of which nothing is known
         self.untold = 0  #: informs begun with, of which it was not told
         self.untold_bytes = 0
         self.is_behind = False  #: an answer could not be sent
@@ -63,7 +69,10 @@ class _RemoteSender:
 
     def remember(self, answer: Answer | Refused, body: bytes) -> None:
         self.answers[answer.number] = answer, body
-        while len(self.answers) > ANSWERS_KEPT or sum(len(kept) for _, kept in self.answers.values()) > ANSWER_BYTES:
+        while (
+            len(self.answers) > ANSWERS_KEPT
+            or sum(len(kept) for _, kept in self.answers.values()) > ANSWER_BYTES
+        ):
             del self.answers[next(iter(self.answers))]
 
 
@@ -72,7 +81,9 @@ class _Waiting:
 
     __slots__ = ("began", "body", "header", "is_given_up", "is_query", "sender")
 
-    def __init__(self, sender: _RemoteSender, header: Direct, body: bytes, *, is_query: bool) -> None:
+    def __init__(
+        self, sender: _RemoteSender, header: Direct, body: bytes, *, is_query: bool
+    ) -> None:
         self.sender, self.header, self.body, self.is_query = sender, header, body, is_query
         self.is_given_up = False
         self.began = 0.0
@@ -82,9 +93,14 @@ class Inbox:
     """The receiving side of direct messages, for one slot."""
 
     def __init__(
-        self, socket: InboxSocket, key: str, messages: Mapping[str, bool], notes: NoteBatch, clock: Callable[[], float],
+        self,
+        socket: InboxSocket,
+        key: str,
+        messages: Mapping[str, bool],
+        notes: NoteBatch,
+        clock: Callable[[], float],
         log: logging.Logger,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._socket = socket
         self._key = key
         self._messages = messages  #: messages handled here -> whether it is a query
@@ -125,7 +141,9 @@ class Inbox:
             except ProtocolError as error:
                 self._refuse(address, str(error))
 
-    def _refuse(self, address: bytes, text: str, number: int = 0, refusal: Refusal = Refusal.PROTOCOL) -> None:
+    def _refuse(
+        self, address: bytes, text: str, number: int = 0, refusal: Refusal = Refusal.PROTOCOL
+    ) -> None:
         self._log.warning("refused a direct message: %s", text)
         self._socket.send(address, pack_item(Refused(number, refusal, text)))
 
@@ -143,9 +161,13 @@ class Inbox:
     def _on_greet(self, address: bytes, header: Greet) -> None:
         number = number_of(header.key, self._key)
         if header.version != PROTOCOL_VERSION or number is None or number in self._barred:
-            self._refuse(address, f"version {header.version}, or no licence of central to send to this slot")
+            self._refuse(
+                address, f"version {header.version}, or no licence of central to send to this slot"
+            )
             return
-        if not (is_name(header.session) and is_name(header.module) and 0 <= header.newest < 1 << 62):
+        if not (
+            is_name(header.session) and is_name(header.module) and 0 <= header.newest < 1 << 62
+        ):
             self._refuse(address, f"{header.session!r:.40} of {header.module!r:.40} is no sender")
             return
         sender = self._sessions.pop(header.session, None)
@@ -153,9 +175,13 @@ class Inbox:
             sender = _RemoteSender(address, header)
             if len(self._sessions) >= MOST_SENDERS:
                 session = next((name for name, one in self._sessions.items() if not one.open), None)
-                self._senders.pop(self._sessions.pop(session or next(iter(self._sessions))).address, None)
+                self._senders.pop(
+                    self._sessions.pop(session or next(iter(self._sessions))).address, None
+                )
         self._sessions[header.session] = sender
-        repeated = [*sender.answers.values()] if sender.is_behind or sender.address != address else []
+        repeated = (
+            [*sender.answers.values()] if sender.is_behind or sender.address != address else []
+        )
         self._senders.pop(sender.address, None)
         sender.address, sender.is_behind, sender.licence = address, False, number
         self._senders[address] = sender
@@ -164,16 +190,22 @@ class Inbox:
         sender.newest = max(sender.newest, header.newest)
         greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open))
         self._socket.send(address, pack([*repeated, (greeting, b""), (Begun(sender.begun), b"")]))
-        sender.missing = {number for number in sender.missing if number > header.newest - _MOST_MISSING}
+        sender.missing = {
+            number for number in sender.missing if number > header.newest - _MOST_MISSING
+        }
 
     def bar(self, licences: Iterable[str]) -> None:
-        """Take nothing more from those who have these licences. Who has a new one goes on where he was."""
+        """Take nothing more from those who have these licences. Who has a new one goes on where he
+        was.
+        """
         if not (barred := dict.fromkeys(licences)):
             return
         self._barred.update(barred)
         while len(self._barred) > _MOST_BARRED:
             del self._barred[next(iter(self._barred))]
-        for address in [address for address, sender in self._senders.items() if sender.licence in self._barred]:
+        for address in [
+            address for address, sender in self._senders.items() if sender.licence in self._barred
+        ]:
             del self._senders[address]
 
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
@@ -187,7 +219,10 @@ class Inbox:
         if message not in self._messages or len(body) > Limit.BODY:
             text, refusal = f"nothing here takes '{message:.60}' directly", Refusal.UNKNOWN
             if message in self._messages:
-                text, refusal = f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed", Refusal.PROTOCOL
+                text, refusal = (
+                    f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed",
+                    Refusal.PROTOCOL,
+                )
             sender.remember(Refused(number, refusal, text), b"")
             self._refuse(sender.address, text, number, refusal)
             return
@@ -234,13 +269,26 @@ class Inbox:
             sender.remember(answer, body)
             sender.is_behind |= not self._socket.send(sender.address, pack_item(answer, body))
         elif outcome is Outcome.FAILED:
-            self._log.warning("inform '%s' from %s failed: %s", asked.message, sender.module, failure)
+            self._log.warning(
+                "inform '%s' from %s failed: %s", asked.message, sender.module, failure
+            )
         seconds = now - done.began
-        note = Note(asked.message, sender.module, asked.origin, len(done.body), 0.0, seconds, outcome, failure)
+        note = Note(
+            asked.message,
+            sender.module,
+            asked.origin,
+            len(done.body),
+            0.0,
+            seconds,
+            outcome,
+            failure,
+        )
         self._notes.handled(note, now)
 
     def close(self) -> None:
-        """Begin with nothing more. Senders send their queries to somebody else; informs are lost and counted."""
+        """Begin with nothing more. Senders send their queries to somebody else; informs are lost
+        and counted.
+        """
         self.listen()
         while self._waiting:
             for waiting in self._waiting:
@@ -250,7 +298,9 @@ class Inbox:
             self._bytes = 0
             self.listen()
         for sender in self._senders.values():
-            self._socket.send(sender.address, pack([(Begun(sender.newest), b""), (headers.Closing(), b"")]))
+            self._socket.send(
+                sender.address, pack([(Begun(sender.newest), b""), (headers.Closing(), b"")])
+            )
         self._socket.close()
 
     def drop(self) -> None:

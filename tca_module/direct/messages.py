@@ -1,4 +1,6 @@
-"""The direct messages of one connection: those it sends and those its slot takes; none with a LocalCentral."""
+"""The direct messages of one connection: those it sends and those its slot takes; none with a
+LocalCentral.
+"""
 
 import time
 from collections.abc import Iterable
@@ -22,9 +24,12 @@ class DirectMessages:
     """Sends and takes direct messages for one connection."""
 
     def __init__(
-        self, session: Session, transport: DealerTransport | None = None, door: EntranceSocket | None = None,
+        self,
+        session: Session,
+        transport: DealerTransport | None = None,
+        door: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """*messages* come straight from their senders through the *door*."""
         self._session = session
         self._notes = NoteBatch()
@@ -33,7 +38,14 @@ class DirectMessages:
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
             queries = {message.name: message.message_class.has_reply for message in messages}
-            self._inbox = Inbox(door, door.entrance.key, queries, self._notes, time.monotonic, log_of(session.module))
+            self._inbox = Inbox(
+                door,
+                door.entrance.key,
+                queries,
+                self._notes,
+                time.monotonic,
+                log_of(session.module),
+            )
             transport.add(door)
 
     def listen(self) -> None:
@@ -41,14 +53,19 @@ class DirectMessages:
         if self.routes.paths or self._session.routing:
             if self._inbox is not None:
                 self._inbox.bar(
-                    one for header in self._session.routing if isinstance(header, Barred) for one in header.numbers
+                    one
+                    for header in self._session.routing
+                    if isinstance(header, Barred)
+                    for one in header.numbers
                 )
             self.routes.listen()
         if self._inbox is not None:
             self._inbox.listen()
 
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
-        """Central's next delivery to handle; within a direct message only queries of the slot's own resource."""
+        """Central's next delivery to handle; within a direct message only queries of the slot's own
+        resource.
+        """
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
             return deliveries.popleft() if deliveries else None
@@ -66,7 +83,11 @@ class DirectMessages:
     @property
     def _may_take(self) -> bool:
         inbox = self._inbox
-        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.open_deliveries)
+        return (
+            inbox is not None
+            and inbox.has_message
+            and not (inbox.is_busy or self._session.open_deliveries)
+        )
 
     def take(self) -> tuple[Deliver, bytes] | None:
         """The next message that came directly, if the slot handles nothing."""
@@ -86,7 +107,11 @@ class DirectMessages:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - time.monotonic()))
+        return (
+            seconds
+            if self._notes.due == FAR
+            else max(0.0, min(seconds, self._notes.due - time.monotonic()))
+        )
 
     def report(self, *, at_once: bool = False) -> None:
         """Give the session the notes that are due; or all, *at_once*."""
@@ -105,7 +130,9 @@ class DirectMessages:
         return self._inbox is not None or bool(self.routes.paths)
 
     def shut(self) -> None:
-        """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
+        """Take nothing more, and report the rest. Queries that have not begun go to somebody
+        else.
+        """
         if self._inbox is not None:
             if self._transport is not None and self._door is not None:
                 self._transport.remove(self._door)

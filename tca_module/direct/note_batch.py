@@ -37,8 +37,12 @@ class NoteBatch:
         """Send them if it is time, or if something else is sent anyway."""
         if not session.is_welcome or (not at_once and now < self.due and not session.outgoing):
             return
-        notes = [msgspec.structs.replace(note, ago=max(0.0, now - ended)) for ended, note in self._notes]
-        session.post(Noted(notes, [Loss(message, number) for message, number in self._losses.items()]))
+        notes = [
+            msgspec.structs.replace(note, ago=max(0.0, now - ended)) for ended, note in self._notes
+        ]
+        session.post(
+            Noted(notes, [Loss(message, number) for message, number in self._losses.items()])
+        )
         self._notes.clear()
         self._losses.clear()
         self.due = FAR

@@ -1,9 +1,11 @@
 """A sender's way to one entrance.
 
-Messages are numbered. The slot says which it has begun (Begun, an Answer), so the sender knows how much is on its way,
-and refuses more than a bound. After a break or a silence the sender greets again; the slot says what has not arrived:
-queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing. Informs that it has
-not said to have begun when it is gone may not have been handled: they count as lost.
+Messages are numbered. The slot says which it has begun (Begun, an Answer), so the sender knows how
+much is on its way, and refuses more than a bound. After a break or a silence the sender greets
+again; the slot says what has not arrived:
+queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing.
+Informs that it has not said to have begun when it is gone may not have been handled: they count as
+lost.
 """
 
 from collections import Counter
@@ -22,7 +24,10 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
 
-MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20  # messages that are not begun, and their data; one may always go
+MOST_UNDER_WAY, MOST_BYTES = (
+    1000,
+    64 << 20,
+)  # messages that are not begun, and their data; one may always go
 REPEAT = 1.0  # seconds of silence after which a sender asks what has arrived and what has begun
 LAST_WORDS = 2.0  # seconds that a slot which has left may take to answer or close
 PACKETS = 256  # read at a time
@@ -46,14 +51,22 @@ class LineSocket(Beside, Protocol):
 
 
 class DirectPath:
-    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for central, *lose* when
-    so many informs of a message are lost, and why ("": too much is on its way).
+    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for
+    central, *lose* when so many informs of a message are lost, and why ("": too much is on its
+    way).
     """
 
     def __init__(
-        self, entrance: Entrance, socket: LineSocket, session: str, module: str, *,
-        end: Callable[[Request], None], hand_over: Callable[[Request], None], lose: Callable[[str, int, str], None],
-    ) -> None:  # fmt: skip
+        self,
+        entrance: Entrance,
+        socket: LineSocket,
+        session: str,
+        module: str,
+        *,
+        end: Callable[[Request], None],
+        hand_over: Callable[[Request], None],
+        lose: Callable[[str, int, str], None],
+    ) -> None:
         self.entrance = entrance
         self.socket = socket
         self.complaints: list[str] = []  #: for the log
@@ -66,11 +79,15 @@ class DirectPath:
         self._module = module
         self._end, self._hand_over, self._lose = end, hand_over, lose
         self._newest = 0
-        self._under_way: dict[int, tuple[str, int]] = {}  #: inform ("": a query) and size of what may not be begun with
+        self._under_way: dict[
+            int, tuple[str, int]
+        ] = {}  #: inform ("": a query) and size of what may not be begun with
         self._bytes = 0
         self._arrived = 0  #: the slot has what was sent up to this number, as far as it was asked
         self._said = float("-inf")  #: when the slot was last sent a query or greeting
-        self._gives_up: tuple[float, str] | None = None  #: the slot is gone: when its queries have failed, and why
+        self._gives_up: tuple[float, str] | None = (
+            None  #: the slot is gone: when its queries have failed, and why
+        )
 
     @property
     def is_usable(self) -> bool:
@@ -85,13 +102,17 @@ class DirectPath:
     @property
     def is_restless(self) -> bool:
         """Whether ``tend`` may have something to do though nothing arrives."""
-        return not self.is_over and (self._gives_up is not None or self.is_needed or not self._is_open)
+        return not self.is_over and (
+            self._gives_up is not None or self.is_needed or not self._is_open
+        )
 
     @property
     def unheard(self) -> int:
         """The number of informs that may not have arrived, and are not lost yet."""
         under_way = {} if self.is_over else self._under_way
-        return sum(bool(inform) for number, (inform, _) in under_way.items() if number > self._arrived)
+        return sum(
+            bool(inform) for number, (inform, _) in under_way.items() if number > self._arrived
+        )
 
     def confirm(self) -> None:
         """Ask the slot what has arrived; what it said before does not count."""
@@ -126,10 +147,14 @@ class DirectPath:
             self.socket.send(pack_item(headers.GiveUp(request.number)))
 
     def _is_full(self, size: int) -> bool:
-        return len(self._under_way) >= MOST_UNDER_WAY or bool(self._under_way and self._bytes + size > MOST_BYTES)
+        return len(self._under_way) >= MOST_UNDER_WAY or bool(
+            self._under_way and self._bytes + size > MOST_BYTES
+        )
 
     def _send(self, header: headers.Send, body: bytes, *, inform: str) -> bool:
-        if not self.socket.send(pack_item(Direct(self._newest + 1, header.message, header.origin), body)):
+        if not self.socket.send(
+            pack_item(Direct(self._newest + 1, header.message, header.origin), body)
+        ):
             self._is_open, self._said = False, float("-inf")
             return False
         self._newest += 1
@@ -142,7 +167,9 @@ class DirectPath:
         is_waiting = self.requests or self._under_way or not self._is_open
         if self._gives_up is not None and now >= self._gives_up[0]:
             for request in self._all_requests():
-                request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL))
+                request.answers.append(
+                    (Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL)
+                )
                 self._end(request)
             self._lose_informs([*self._under_way], self._gives_up[1])
         if self.is_over or not (self.is_asked or (is_waiting and now - self._said >= REPEAT)):
@@ -151,7 +178,12 @@ class DirectPath:
             self.is_asked = False
             self._said = now
             greet = Greet(
-                PROTOCOL_VERSION, self.entrance.key, self._session, self._module, self._newest, self._is_first
+                PROTOCOL_VERSION,
+                self.entrance.key,
+                self._session,
+                self._module,
+                self._newest,
+                self._is_first,
             )
             self.socket.send(pack_item(greet))
 
@@ -232,9 +264,15 @@ class DirectPath:
         self._is_open, self._is_first = True, False
         missing, waits = frozenset(header.missing), frozenset(header.open)
         self._arrived = header.newest
-        lost = [number for number in self._under_way if number in missing and number not in self.requests]
+        lost = [
+            number
+            for number in self._under_way
+            if number in missing and number not in self.requests
+        ]
         self._lose_informs(lost, "the line to their handler broke")
-        for number in [number for number in self.requests if number <= header.newest and number not in waits]:
+        for number in [
+            number for number in self.requests if number <= header.newest and number not in waits
+        ]:
             request = self.requests[number]
             if number in missing:
                 again = Direct(number, request.header.message, request.header.origin)

@@ -1,7 +1,8 @@
 """The routes on which a connection may send directly, as central gives them, and their paths.
 
-A message goes through central until an entrance of its route has answered a greeting, and whenever none can be reached.
-Paths are kept while a route leads there, a query is open, or an inform may not have begun.
+A message goes through central until an entrance of its route has answered a greeting, and whenever
+none can be reached. Paths are kept while a route leads there, a query is open, or an inform may not
+have begun.
 """
 
 import itertools
@@ -23,7 +24,9 @@ from tca_wire.packets.routes import Barred, Entrance, Route, WatchEntrance
 class DirectRoutes:
     """The sending side of direct messages, for one connection."""
 
-    def __init__(self, session: Session, transport: DealerTransport | None, notes: NoteBatch) -> None:
+    def __init__(
+        self, session: Session, transport: DealerTransport | None, notes: NoteBatch
+    ) -> None:
         self._session = session
         self._way = token_hex(16)  #: names this connection among all
         self._transport = transport
@@ -46,7 +49,10 @@ class DirectRoutes:
 
     def tell(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; False if it must go through central, or is none."""
-        if not (self.paths and isinstance(header, Send)) or (path := self._path(header.message)) is None:
+        if (
+            not (self.paths and isinstance(header, Send))
+            or (path := self._path(header.message)) is None
+        ):
             return False
         return path.tell(header, body)
 
@@ -81,7 +87,11 @@ class DirectRoutes:
             self._is_tidy = False
             header = self._session.routing.popleft()
             if isinstance(header, Route):
-                paths = [path for entrance in header.entrances if (path := self._path_to(entrance)) is not None]
+                paths = [
+                    path
+                    for entrance in header.entrances
+                    if (path := self._path_to(entrance)) is not None
+                ]
                 self._routes[header.message] = deque(paths)
             elif isinstance(header, Welcome):
                 self._on_welcome(header)
@@ -115,9 +125,14 @@ class DirectRoutes:
             self._close(known)
         way = f"{self._way}/{next(self._numbers)}"
         path = DirectPath(
-            entrance, socket, way, self._session.module, end=self._session.end, hand_over=self._session.adopt,
+            entrance,
+            socket,
+            way,
+            self._session.module,
+            end=self._session.end,
+            hand_over=self._session.adopt,
             lose=self._lose,
-        )  # fmt: skip
+        )
         self.paths[entrance.endpoint] = path
         self._transport.add(socket)
         return path

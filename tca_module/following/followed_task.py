@@ -1,4 +1,6 @@
-"""What a client does with a task beside waiting for its end: follow its state, give it a new goal, cancel it."""
+"""What a client does with a task beside waiting for its end: follow its state, give it a new goal,
+cancel it.
+"""
 
 from collections.abc import Callable, Collection
 from typing import Any, Generic, TypeVar, overload
@@ -27,7 +29,9 @@ def _is_change(news: News) -> bool:
 
 def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
     """An intermediate result; as plain values if its message is not declared here."""
-    return message.progress.decode(data) if isinstance(message, TaskMessage) else decode_untyped(data)
+    return (
+        message.progress.decode(data) if isinstance(message, TaskMessage) else decode_untyped(data)
+    )
 
 
 def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
@@ -37,11 +41,17 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
 
 def cancels_of(cycle: LifeCycle) -> list[str]:
     """The transitions by which a client asks for a task's end."""
-    return [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
+    return [
+        row.name
+        for row in cycle.transitions
+        if row.by is Party.CLIENT and cycle.ends_on_request(row.target)
+    ]
 
 
 def check_states(what: str, message: Message[Any, Any] | None, states: Collection[str]) -> None:
-    """Raise MisuseError for a state that the tasks of a message never have, if it is declared here."""
+    """Raise MisuseError for a state that the tasks of a message never have, if it is declared
+    here.
+    """
     cycle = life_cycle_of(message)
     if message is not None and (unknown := sorted(set(states) - set(cycle.states))):
         raise MisuseError(f"{what} is never '{unknown[0]}': {cycle} has {quoted(cycle.states)}")
@@ -68,15 +78,18 @@ class NamedTask:
         raise NotImplementedError
 
     def _node(self) -> TaskId:
-        """The task as requests name it: its id may yet be unknown. Raises MisuseError where there is none."""
+        """The task as requests name it: its id may yet be unknown. Raises MisuseError where there
+        is none.
+        """
         return self._task_id
 
 
 class FollowedTask(NamedTask, Generic[C]):
-    """A task whose state is followed, once that is asked for: ``state``, ``changes()``, ``update()`` and their like.
+    """A task whose state is followed, once that is asked for: ``state``, ``changes()``,
+    ``update()`` and their like.
 
-    Following begins at their first use, or with ``follow()``. Central is then waited for once; later never, and it goes
-    on by itself after a break.
+    Following begins at their first use, or with ``follow()``. Central is then waited for once;
+    later never, and it goes on by itself after a break.
     """
 
     _mirror: Mirror | None = None
@@ -86,7 +99,7 @@ class FollowedTask(NamedTask, Generic[C]):
         """A change as users see it."""
         raise NotImplementedError
 
-    # --- following ---------------------------------------------------------------------------------------------------
+    # --- following --------------------------------------------------------------------------------
 
     def follow(self) -> None:
         """Begin to follow the task now, without waiting: what happens from now on is not missed."""
@@ -101,19 +114,24 @@ class FollowedTask(NamedTask, Generic[C]):
 
     @property
     def state(self) -> str:
-        """The task's state, such as "running". Waits for central the first time only, later never."""
+        """The task's state, such as "running". Waits for central the first time only, later
+        never.
+        """
         return self._followed().state
 
     @property
     def serial(self) -> int:
-        """The number of changes of the task's state, as far as is known here; -1 if that was never told."""
+        """The number of changes of the task's state, as far as is known here; -1 if that was never
+        told.
+        """
         mirror = self._followed()
         mirror.state  # noqa: B018 - it is known with that
         return mirror.serial
 
     def changes(self, timeout: float | None = None) -> Stream[C]:
-        """The changes of the task's state from now on, until its end; first how it stands (``is_late``), if it has left
-        its first state by now. Each is waited for, at most *timeout* seconds: then Timeout is raised.
+        """The changes of the task's state from now on, until its end; first how it stands
+        (``is_late``), if it has left its first state by now. Each is waited for, at most *timeout*
+        seconds: then Timeout is raised.
 
         ::
 
@@ -129,16 +147,17 @@ class FollowedTask(NamedTask, Generic[C]):
         return Stream(self._followed(), self._as_change, _is_change, what, timeout, first=first)
 
     def next_change(self, timeout: float | None = None) -> C | None:
-        """The next change of the task's state that ``state`` and this have not shown; None if there will be none. If
-        nothing has followed the task yet, how it stands, if it has left its first state. Raises Timeout.
+        """The next change of the task's state that ``state`` and this have not shown; None if there
+        will be none. If nothing has followed the task yet, how it stands, if it has left its first
+        state. Raises Timeout.
         """
         if self._changes is None:
             self._changes = self._stream()
         return self._changes.receive(timeout)
 
     def wait_for_state(self, *states: str, timeout: float | None = None) -> str:
-        """Wait until the task is, or has been since this was called, in one of these states, or has ended; that state.
-        Raises Timeout.
+        """Wait until the task is, or has been since this was called, in one of these states, or has
+        ended; that state. Raises Timeout.
 
         ::
 
@@ -146,7 +165,9 @@ class FollowedTask(NamedTask, Generic[C]):
                 grasp.update(Grip("cup"))
         """
         if not states or not all(isinstance(one, str) for one in states):
-            raise MisuseError(f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}')
+            raise MisuseError(
+                f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}'
+            )
         check_states(f"wait_for_state(): {self._in_words}", self._declared(), states)
         mirror = self._followed()
         came = mirror.unread(lambda news: news.change.state in states or news.change.is_over)
@@ -156,7 +177,9 @@ class FollowedTask(NamedTask, Generic[C]):
         if not mirror.wait(lambda: bool(came), timeout):
             mirror.check()
             what = f"{self._in_words} was not {' or '.join(states)}"
-            raise Timeout(f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True)
+            raise Timeout(
+                f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True
+            )
         return came.take().change.state
 
     @overload
@@ -164,8 +187,8 @@ class FollowedTask(NamedTask, Generic[C]):
     @overload
     def progress(self, kind: type[P], *, timeout: float | None = ...) -> Stream[P]: ...
     def progress(self, kind: Any = None, *, timeout: float | None = None) -> Stream[Any]:
-        """The intermediate results of the task, from the newest on; otherwise like ``changes``. *kind* is their type,
-        for type checkers.
+        """The intermediate results of the task, from the newest on; otherwise like ``changes``.
+        *kind* is their type, for type checkers.
 
         ::
 
@@ -174,39 +197,52 @@ class FollowedTask(NamedTask, Generic[C]):
         """
         mirror, message = self._followed(), self._declared()
         if kind is not None and isinstance(message, TaskMessage) and message.progress.kind != kind:
-            raise MisuseError(f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}")
+            raise MisuseError(
+                f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}"
+            )
         what = f"an intermediate result of {self._in_words}"
         mirror.catch_up()
         return Stream(
-            mirror, lambda news: decode_progress(message, news.change.data),
-            lambda _: mirror.has_progressed, what, timeout, first=mirror.progress,
-        )  # fmt: skip
+            mirror,
+            lambda news: decode_progress(message, news.change.data),
+            lambda _: mirror.has_progressed,
+            what,
+            timeout,
+            first=mirror.progress,
+        )
 
     @overload
     def on_change(self, function: Callable[[C], object]) -> ChangeCallback[C]: ...
     @overload
     def on_change(self, function: Callable[[Any, C], object]) -> ChangeCallback[C]: ...
     def on_change(self, function: Callable[..., object]) -> ChangeCallback[C]:
-        """Have a function called with a Sender under the root and each change from now on, or with the change alone:
-        in this thread, one call at a time, while it waits for central or its next message. Errors in it are logged.
+        """Have a function called with a Sender under the root and each change from now on, or with
+        the change alone:
+        in this thread, one call at a time, while it waits for central or its next message. Errors
+        in it are logged.
         """
         callback = ChangeCallback("on_change()", self._connection(), function, self._as_change)
         self._followed().call(lambda news: callback.put(news) if _is_change(news) else None)
         return callback
 
-    # --- asking for something ----------------------------------------------------------------------------------------
+    # --- asking for something ---------------------------------------------------------------------
 
-    def update(self, goal: Any, *, timeout: float | None = None, message: Message[Any, Any] | None = None) -> None:
-        """Give the running task a new goal, and wait until its handler has taken it over; where that does not say that
-        it takes updates, the task begins anew with it.
+    def update(
+        self, goal: Any, *, timeout: float | None = None, message: Message[Any, Any] | None = None
+    ) -> None:
+        """Give the running task a new goal, and wait until its handler has taken it over; where
+        that does not say that it takes updates, the task begins anew with it.
 
-        Raises Rejected, with the handler's reason, if it goes on with the old one, or the task ends first; Refused if
-        the task can't be given one in its state; Timeout. Of a task that was only found, give its *message*.
+        Raises Rejected, with the handler's reason, if it goes on with the old one, or the task ends
+        first; Refused if the task can't be given one in its state; Timeout. Of a task that was only
+        found, give its *message*.
         """
         self.update_send(goal, message=message).wait(timeout)
 
     def update_send(self, goal: Any, *, message: Message[Any, Any] | None = None) -> PendingUpdate:
-        """The same without waiting: ``wait()`` for the handler's word later, or ``await`` it in an async handler."""
+        """The same without waiting: ``wait()`` for the handler's word later, or ``await`` it in an
+        async handler.
+        """
         self._know(message)
         what, cycle = f"the update of {self._in_words}", self._life_cycle
         rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
@@ -220,40 +256,65 @@ class FollowedTask(NamedTask, Generic[C]):
         return PendingUpdate(what, mirror, unread, request, cycle, row)
 
     def cancel(self, why: str = "") -> None:
-        """Ask for the end of the task, without waiting: its handler decides, and may take its time; where it says
-        nothing of cancels, the task is killed. It is not lost, even while central is away.
+        """Ask for the end of the task, without waiting: its handler decides, and may take its time;
+        where it says nothing of cancels, the task is killed. It is not lost, even while central is
+        away.
         """
         what, cycle = self._doing("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
         if not (names := cancels_of(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
-        header = ChangeState(0, self._node(), names[0], -1, why, self._origin)  # whatever has changed by now
+        header = ChangeState(
+            0, self._node(), names[0], -1, why, self._origin
+        )  # whatever has changed by now
         self._connection().send_change(header, b"", str(what))
 
     def take(
-        self, transition: str, data: Any = None, *, why: str = "", message: Message[Any, Any] | None = None
+        self,
+        transition: str,
+        data: Any = None,
+        *,
+        why: str = "",
+        message: Message[Any, Any] | None = None,
     ) -> bool:
-        """Take a client's transition of the task's own life cycle: ``sent.take("pause")``. *data* is the goal, if the
-        transition has one. Returns False if the task had ended, or the server was first and left no way to it.
+        """Take a client's transition of the task's own life cycle: ``sent.take("pause")``. *data*
+        is the goal, if the transition has one. Returns False if the task had ended, or the server
+        was first and left no way to it.
 
-        Raises MisuseError for a transition that is no client's, Refused if the task's state has no such way out.
+        Raises MisuseError for a transition that is no client's, Refused if the task's state has no
+        such way out.
         """
         check(self._doing("take() of"), NAME, transition=transition)
         what = f"'{transition}' of {self._in_words}"
         check(what, TEXT, why=why)
         self._know(message)
         body = self._encoded(data) if data is not None else b""
-        self._check_possible(what, transition, self._mirror.known if self._mirror is not None else "")
+        self._check_possible(
+            what, transition, self._mirror.known if self._mirror is not None else ""
+        )
         return bool(self._connection().call(self._change(transition, why), what, body))
 
     def _check_possible(self, what: str, name: str, state: str) -> None:
-        """Raise an error if no client can take that transition, or none in a *state* that is known ("": it is not)."""
+        """Raise an error if no client can take that transition, or none in a *state* that is known
+        ("": it is not).
+        """
         cycle = self._life_cycle
         if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
-            raise MisuseError(f"{what}: no client can take that; {cycle} has for clients: {quoted(names)}")
-        if state and name in names and not cycle.is_over(state) and cycle.step(state, name, Party.CLIENT) is None:
+            raise MisuseError(
+                f"{what}: no client can take that; {cycle} has for clients: {quoted(names)}"
+            )
+        if (
+            state
+            and name in names
+            and not cycle.is_over(state)
+            and cycle.step(state, name, Party.CLIENT) is None
+        ):
             sources = quoted(cycle.sources(name, Party.CLIENT), " or ")
-            raise Refused(what, Refusal.TOO_LATE, f"the task is '{state}', and that is possible while it is {sources}")
+            raise Refused(
+                what,
+                Refusal.TOO_LATE,
+                f"the task is '{state}', and that is possible while it is {sources}",
+            )
 
     def _change(self, name: str, why: str) -> ChangeState:
         serial = self._mirror.serial if self._mirror is not None and self._mirror.known else -1
@@ -262,7 +323,9 @@ class FollowedTask(NamedTask, Generic[C]):
     def _encoded(self, goal: Any) -> bytes:
         message = self._declared()
         if message is None:
-            raise MisuseError(f"a new goal of {self._in_words}: say of which message it is, with message=")
+            raise MisuseError(
+                f"a new goal of {self._in_words}: say of which message it is, with message="
+            )
         return message.encode_data(goal)
 
     def _know(self, message: Message[Any, Any] | None) -> None:

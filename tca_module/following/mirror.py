@@ -1,4 +1,6 @@
-"""A task as a program that follows it knows it: the newest state, and functions to call with each change."""
+"""A task as a program that follows it knows it: the newest state, and functions to call with each
+change.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -29,19 +31,25 @@ class Mirror(Observation):
 
     def _hear(self, news: News) -> None:
         self.newest, self.has_ended = news, news.change.is_over
-        self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
+        self.serial = max(
+            self.serial, news.change.serial
+        )  # of one that had ended central does not know it
         self._hear_progress(news)
         super()._hear(news)
 
     def _hear_progress(self, news: News) -> None:
-        """After a break central tells how the task stands, with the intermediate result that may be known already."""
+        """After a break central tells how the task stands, with the intermediate result that may be
+        known already.
+        """
         change, known = news.change, self.progress.change.data if self.progress is not None else b""
         self.has_progressed = is_progress(news) and not (change.is_late and change.data == known)
         if self.has_progressed:
             self.progress = news
 
     def as_it_stands(self) -> News | None:
-        """How the task stands, in the form in which central tells it late; None while it is in its first state."""
+        """How the task stands, in the form in which central tells it late; None while it is in its
+        first state.
+        """
         if self.newest is None or self.newest.change.serial == 0:
             return None
         change = self.newest.change
@@ -52,8 +60,8 @@ class Mirror(Observation):
 
     @property
     def state(self) -> str:
-        """The newest state. Waits for central's word until that has come once. Raises what ``Observation.wait`` does,
-        or Timeout.
+        """The newest state. Waits for central's word until that has come once. Raises what
+        ``Observation.wait`` does, or Timeout.
         """
         self.catch_up()
         if not self.has_ended:
@@ -74,12 +82,16 @@ class Mirror(Observation):
 
 
 class ChangeCallback(Generic[C]):
-    """A function that is called with changes of tasks: in the thread that asked for that, one call at a time, while it
-    waits for central or its next message. Errors in it are logged.
+    """A function that is called with changes of tasks: in the thread that asked for that, one call
+    at a time, while it waits for central or its next message. Errors in it are logged.
     """
 
     def __init__(
-        self, what: str, connection: Connection, function: Callable[..., object], give: Callable[[News], C]
+        self,
+        what: str,
+        connection: Connection,
+        function: Callable[..., object],
+        give: Callable[[News], C],
     ) -> None:
         self.is_over = False  #: it is called no more
         self._arguments = check_function(what, function, "(sender, change) or (change)", (2, 1))

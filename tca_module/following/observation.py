@@ -1,7 +1,8 @@
 """What central tells of tasks' states: in order, each change once, and how many were missed.
 
-Central first tells how things stand, then that this is all, then each change. After its restart, and after a break that
-it has noticed, it does so again: tasks of which it does not tell then have ended meanwhile.
+Central first tells how things stand, then that this is all, then each change. After its restart,
+and after a break that it has noticed, it does so again: tasks of which it does not tell then have
+ended meanwhile.
 """
 
 import weakref
@@ -122,12 +123,14 @@ class Observation:
         return request
 
     def call(self, function: Callable[[News], object]) -> None:
-        """Call a function with all news from now on, until the end or ``close()``, also if nobody has this."""
+        """Call a function with all news from now on, until the end or ``close()``, also if nobody
+        has this.
+        """
         self._functions.append(function)
         self._is_held = True
         self.request.notify = self._take_in
 
-    # --- reading -----------------------------------------------------------------------------------------------------
+    # --- reading ----------------------------------------------------------------------------------
 
     @property
     def is_complete(self) -> bool:
@@ -151,11 +154,15 @@ class Observation:
         reader.clear()
 
     def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_there*, or nothing more can come; whether it is. Raises what ``Connection.wait`` does."""
+        """Wait until *is_there*, or nothing more can come; whether it is. Raises what
+        ``Connection.wait`` does.
+        """
         self.catch_up()
         if not is_there():
             try:
-                self.connection.wait(self.request, timeout, self._what, lambda: self._settles(is_there))
+                self.connection.wait(
+                    self.request, timeout, self._what, lambda: self._settles(is_there)
+                )
             except BaseException as error:
                 self._on_error(error)
                 raise
@@ -167,7 +174,9 @@ class Observation:
         self.catch_up()
         if not is_there():
             try:
-                yield from self.connection.until_over(self.request, self._what, lambda: self._settles(is_there))
+                yield from self.connection.until_over(
+                    self.request, self._what, lambda: self._settles(is_there)
+                )
             except Deadlock as error:
                 self._on_error(error)
                 raise
@@ -178,8 +187,8 @@ class Observation:
         return is_there()
 
     def hear_end(self) -> None:
-        """All that it is about has ended, and central tells that at the same time: functions are called with it before
-        the caller goes on.
+        """All that it is about has ended, and central tells that at the same time: functions are
+        called with it before the caller goes on.
         """
         if self._is_held:
             self.connection.hear_out(self.request)
@@ -190,8 +199,8 @@ class Observation:
             self.connection.attend()
 
     def _on_error(self, error: BaseException) -> None:
-        """A wait has ended with an error: it has given the request up, or central has, because it could never end. So
-        it begins anew: now, if functions are called, else when somebody looks.
+        """A wait has ended with an error: it has given the request up, or central has, because it
+        could never end. So it begins anew: now, if functions are called, else when somebody looks.
         """
         self._is_given_up = not self.request.is_over or isinstance(error, Deadlock)
         if self._is_given_up and self._is_held:
@@ -201,7 +210,9 @@ class Observation:
             self._have_been_told()
 
     def _have_been_told(self) -> None:
-        """The user hears that the task was lost with central: the end of the program need not say it."""
+        """The user hears that the task was lost with central: the end of the program need not say
+        it.
+        """
         if isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 
@@ -233,7 +244,7 @@ class Observation:
         self.request.notify = None
         self.request.answers.clear()
 
-    # --- what comes --------------------------------------------------------------------------------------------------
+    # --- what comes -------------------------------------------------------------------------------
 
     def _take_in(self) -> None:
         while self.request.answers:
@@ -243,7 +254,9 @@ class Observation:
             elif answer.more:
                 self._on_all_told()
         refused = self.request.refused
-        is_refused_wait = refused is not None and refused.refusal is Refusal.DEADLOCK  # who waits hears it
+        is_refused_wait = (
+            refused is not None and refused.refusal is Refusal.DEADLOCK
+        )  # who waits hears it
         if self._is_held and self.request.has_failed and not is_refused_wait:
             self._is_held = False
             try:
@@ -281,12 +294,25 @@ class Observation:
         for task in tasks:
             _, message, goal = self._known.pop(task)
             end = StateChange(
-                TaskId(task), message, -1, "", "", Party.CENTRAL, text=why, goal=goal, is_late=True, is_over=True
+                TaskId(task),
+                message,
+                -1,
+                "",
+                "",
+                Party.CENTRAL,
+                text=why,
+                goal=goal,
+                is_late=True,
+                is_over=True,
             )
             self._publish(end, 1)
 
     def _publish(self, change: StateChange, missed: int) -> None:
-        news = News(change, with_epoch(change.task, self._round[0], numbered(change.message, change.task)), missed)
+        news = News(
+            change,
+            with_epoch(change.task, self._round[0], numbered(change.message, change.task)),
+            missed,
+        )
         self._hear(news)
         for reader in list(self._readers):
             reader.put(news)

@@ -12,17 +12,24 @@ T = TypeVar("T")
 
 
 class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
-    """Changes, or intermediate results, as they come. ``for`` waits for each; in async handlers ``async for`` does, and
-    ``asyncio.timeout`` limits its wait.
+    """Changes, or intermediate results, as they come. ``for`` waits for each; in async handlers
+    ``async for`` does, and ``asyncio.timeout`` limits its wait.
 
-    It ends with the task that it is about, or below which it observes. At most 10,000 wait to be read: the oldest
-    beyond that are dropped, and counted in ``missed`` of the next.
+    It ends with the task that it is about, or below which it observes. At most 10,000 wait to be
+    read: the oldest beyond that are dropped, and counted in ``missed`` of the next.
     """
 
     def __init__(
-        self, observation: Observation, give: Callable[[News], T], wants: Wants, what: str, timeout: float | None,
-        *, is_owner: bool = False, first: News | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        observation: Observation,
+        give: Callable[[News], T],
+        wants: Wants,
+        what: str,
+        timeout: float | None,
+        *,
+        is_owner: bool = False,
+        first: News | None = None,
+    ) -> None:
         """*first*: came before this was made. The end of its owner ends the observation."""
         check(what, TIMEOUT, timeout=timeout)
         self._observation = observation
@@ -64,7 +71,9 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return bool(self._unread)
 
     def arrived(self) -> list[T]:
-        """Those that have come by now. Never waits. Raises what a wait does if none will ever come."""
+        """Those that have come by now. Never waits. Raises what a wait does if none will ever
+        come.
+        """
         self._observation.catch_up()
         found = []
         while self._unread:

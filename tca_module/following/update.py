@@ -14,11 +14,19 @@ from tca_wire.vocabulary import Party
 
 
 class PendingUpdate:
-    """A new goal that a task was given. ``wait()`` returns when it is taken over; in async handlers ``await`` does."""
+    """A new goal that a task was given. ``wait()`` returns when it is taken over; in async handlers
+    ``await`` does.
+    """
 
     def __init__(
-        self, what: str, mirror: Mirror, unread: Unread, request: Request, life_cycle: LifeCycle, row: Transition
-    ) -> None:  # fmt: skip
+        self,
+        what: str,
+        mirror: Mirror,
+        unread: Unread,
+        request: Request,
+        life_cycle: LifeCycle,
+        row: Transition,
+    ) -> None:
         self._what = what
         self._mirror = mirror
         self._unread = unread  # of what has come since before it was sent
@@ -37,12 +45,15 @@ class PendingUpdate:
         return self._look()
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait until the new goal is the task's. Raises Rejected, with the server's reason, if it won't be; Refused if
-        the task can't be given one in its state; Timeout.
+        """Wait until the new goal is the task's. Raises Rejected, with the server's reason, if it
+        won't be; Refused if the task can't be given one in its state; Timeout.
         """
         check(self._what, TIMEOUT, timeout=timeout)
         if not self._mirror.wait(self._look, timeout) and not self._mirror.is_over:
-            raise Timeout(f"{self._what} was neither taken over nor rejected within {timeout:g} s", can_wait=True)
+            raise Timeout(
+                f"{self._what} was neither taken over nor rejected within {timeout:g} s",
+                can_wait=True,
+            )
         self._check()
 
     def __await__(self) -> Generator[Any, None, None]:
@@ -82,23 +93,38 @@ class PendingUpdate:
         return self._is_over
 
     def _hear(self, change: StateChange, *, is_sure: bool) -> str:
-        """A change that came after it, or it itself. The state to which the server has gone without a word of it."""
+        """A change that came after it, or it itself. The state to which the server has gone without
+        a word of it.
+        """
         effects = {
-            one.effect for one in self._life_cycle.transitions
+            one.effect
+            for one in self._life_cycle.transitions
             if (one.name, one.target) == (change.transition, change.state)
-        }  # fmt: skip
+        }
         is_waiting = self._life_cycle.grant(change.state) is not None
         if change.is_over:
-            self._end(f"the task is {change.state or 'over'}" + (f": {change.text}" if change.text else ""))
+            self._end(
+                f"the task is {change.state or 'over'}"
+                + (f": {change.text}" if change.text else "")
+            )
         elif not is_sure and not is_waiting:
-            self._end("" if change.goal == self._goal else "changes were missed, and it is not the task's goal")
-        elif Effect.TAKE_GOAL in effects or (change.transition == "restarted" and not self._is_granted):
+            self._end(
+                ""
+                if change.goal == self._goal
+                else "changes were missed, and it is not the task's goal"
+            )
+        elif Effect.TAKE_GOAL in effects or (
+            change.transition == "restarted" and not self._is_granted
+        ):
             self._end()
         elif Effect.REFUSE in effects:
             self._end(change.text or "its handler gives no reason")
         elif change.transition == "restarted":
             self._end("its handler was called again, without it")
-        elif change.by is Party.CLIENT and (change.transition, change.state) != (self._row.name, self._row.target):
+        elif change.by is Party.CLIENT and (change.transition, change.state) != (
+            self._row.name,
+            self._row.target,
+        ):
             self._end(f"'{change.transition}' came after it")
         elif not (change.by is Party.CLIENT or is_waiting):
             return change.state

@@ -1,5 +1,5 @@
-"""One connection to central: how it begins, what is asked of central, and how it ends: whether all that was sent has
-arrived, how much may not have, and why.
+"""One connection to central: how it begins, what is asked of central, and how it ends: whether all
+that was sent has arrived, how much may not have, and why.
 """
 
 import contextlib
@@ -11,7 +11,13 @@ from tca_module.errors import ORDINARY, CentralLost, NotSent, Refused, Stopped, 
 from tca_module.link.packet_line import SEND_WAIT, STEP
 from tca_module.link.waits import Waits
 from tca_module.session import given_up
-from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
+from tca_module.session.epoch_numbers import (
+    RESTARTED,
+    EpochNumber,
+    check_epoch,
+    first_foreign,
+    numbers_in,
+)
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
@@ -22,21 +28,31 @@ from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
-ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
+ACKNOWLEDGED_WITHIN = (
+    30.0  # seconds that central may take to accept or refuse a request while it says other things
+)
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
-MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
+MOST_UNTOLD = (
+    100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
+)
 
 
 class Connection(Waits):
     """One connection to central."""
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
-        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
+        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if
+        *is_stopped*.
+        """
         session = self.session
-        self.waiting.until(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
+        self.waiting.until(
+            lambda: session.is_welcome or session.refused is not None or is_stopped(), None
+        )
         if session.refused is not None:
-            raise Refused(f"module '{session.module}'", session.refused.refusal, session.refused.text)
+            raise Refused(
+                f"module '{session.module}'", session.refused.refusal, session.refused.text
+            )
         if not session.is_welcome:
             where = f"central at {self.transport.address}"
             raise Stopped(f"module '{session.module}' was told to end before {where} had answered")
@@ -48,19 +64,28 @@ class Connection(Waits):
             if self.session.is_welcome:
                 self.call(headers.Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
 
-    # --- requests --------------------------------------------------------------------------------------------------
+    # --- requests ---------------------------------------------------------------------------------
 
     def declare(
-        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), is_ready: bool = False,
+        self,
+        *messages: Message[Any, Any],
+        handlers: Iterable[HandlerFormat] = (),
+        is_ready: bool = False,
         within: float = ACKNOWLEDGED_WITHIN,
-    ) -> None:  # fmt: skip
-        """Tell central of messages, which of them are handled here, and that all is attached that is attached at the
-        start. Raises FormatRefused if others differ.
+    ) -> None:
+        """Tell central of messages, which of them are handled here, and that all is attached that
+        is attached at the start. Raises FormatRefused if others differ.
         """
-        new, handled = [message for message in messages if not self.has_declared(message)], list(handlers)
+        new, handled = (
+            [message for message in messages if not self.has_declared(message)],
+            list(handlers),
+        )
         if not new and not handled and not is_ready:
             return
-        formats, names = [message.format for message in new], ", ".join(one.title for one in new or messages)
+        formats, names = (
+            [message.format for message in new],
+            ", ".join(one.title for one in new or messages),
+        )
         for header in registers(formats, handled, is_ready=is_ready):
             self.call(header, f"declaring {names or 'that it is ready'}", within=within)
         self.session.declared(formats, handled, is_ready=is_ready)
@@ -73,39 +98,57 @@ class Connection(Waits):
         return self._declared.get(message.name) is message
 
     def call(
-        self, header: headers.ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN
+        self,
+        header: headers.ToCentral,
+        what: object,
+        body: bytes = b"",
+        within: float = ACKNOWLEDGED_WITHIN,
     ) -> int:
-        """Have central do something; the id of the resulting task or message. *what* names it in errors."""
+        """Have central do something; the id of the resulting task or message. *what* names it in
+        errors.
+        """
         with self.mine():
             request = self.request(header, body, is_awaited=True)
             self._wait_for_word(request, what, within)
             return request.accepted or 0
 
     def answered(
-        self, header: headers.ToCentral, what: object, body: bytes = b"", within: float | None = ACKNOWLEDGED_WITHIN
+        self,
+        header: headers.ToCentral,
+        what: object,
+        body: bytes = b"",
+        within: float | None = ACKNOWLEDGED_WITHIN,
     ) -> Request:
-        """A question that central itself answers, at once, with the answer. Raises Timeout if it does not come *within*
-        so many seconds.
+        """A question that central itself answers, at once, with the answer. Raises Timeout if it
+        does not come *within* so many seconds.
         """
         request = self.request(header, body, wants_answer=True, is_awaited=True)
         if not self.wait(request, within, what):
             self.abandon(request)
             within = within or 0.0
-            raise Timeout(f"{what} was not answered within {within:g} s, {self.line.why_late(within)}")
+            raise Timeout(
+                f"{what} was not answered within {within:g} s, {self.line.why_late(within)}"
+            )
         return request
 
-    def _wait_for_word(self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN) -> None:
+    def _wait_for_word(
+        self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN
+    ) -> None:
         """Wait until central has accepted a request."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            why, fate = self.line.why_late(within), f"{what} {given_up.fate_of(self.session, request)}"
+            why, fate = (
+                self.line.why_late(within),
+                f"{what} {given_up.fate_of(self.session, request)}",
+            )
             raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
-    # --- tasks -----------------------------------------------------------------------------------------------------
+    # --- tasks ------------------------------------------------------------------------------------
 
     def send_task(self, header: headers.Send, body: bytes, what: str) -> TaskId:
-        """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless central is away: an
-        error is raised by whatever uses the id, by the next call of the same sender, or by ``settle``.
+        """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless
+        central is away: an error is raised by whatever uses the id, by the next call of the same
+        sender, or by ``settle``.
         """
         with self.mine():
             session, epoch = self.session, self.session.epoch
@@ -119,8 +162,9 @@ class Connection(Waits):
             return TaskId(SentId(self, request))
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Change the state of a task, which *what* says. Waits neither for central nor for its word. A refusal is
-        raised by the next call of the same sender, or by ``settle``; that it came too late is logged.
+        """Change the state of a task, which *what* says. Waits neither for central nor for its
+        word. A refusal is raised by the next call of the same sender, or by ``settle``; that it
+        came too late is logged.
         """
         with self.mine():
             session = self.session
@@ -132,7 +176,9 @@ class Connection(Waits):
             return request
 
     def acknowledged(self, request: Request) -> EpochNumber:
-        """The id of a task that was sent, once central has told it. Raises the error that the send came to."""
+        """The id of a task that was sent, once central has told it. Raises the error that the send
+        came to.
+        """
         if not self.is_mine:
             self._overhear(request)
         try:
@@ -146,7 +192,9 @@ class Connection(Waits):
 
     def _overhear(self, request: Request) -> None:
         """Wait in another thread until central has said what became of a task that was sent."""
-        self.call_soon(lambda: self.announce(request))  # if the thread that has sent it waits for something else
+        self.call_soon(
+            lambda: self.announce(request)
+        )  # if the thread that has sent it waits for something else
         until = self.now() + ACKNOWLEDGED_WITHIN
         while not request.is_over:
             if self._lock.acquire(timeout=STEP):
@@ -156,10 +204,13 @@ class Connection(Waits):
                 finally:
                     self._lock.release()
             if self.now() > until:
-                raise Timeout(f"{request.what} was not acknowledged within {ACKNOWLEDGED_WITHIN:g} s")
+                raise Timeout(
+                    f"{request.what} was not acknowledged within {ACKNOWLEDGED_WITHIN:g} s"
+                )
 
     def settle(self, origin: int, *, wait: bool) -> None:
-        """Raise the first error of the tasks that were sent for *origin*; with *wait* when central has spoken of all.
+        """Raise the first error of the tasks that were sent for *origin*; with *wait* when central
+        has spoken of all.
 
         Of what a handler has sent central itself sees to it that no refusal is lost: see Reply.
         """
@@ -174,9 +225,16 @@ class Connection(Waits):
         session.sends.check(origin)
 
     def request(
-        self, header: headers.ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+        self,
+        header: headers.ToCentral,
+        body: bytes = b"",
+        *,
+        wants_answer: bool = False,
+        is_awaited: bool = False,
     ) -> Request:
-        """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait`` follows."""
+        """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait``
+        follows.
+        """
         with self.mine():
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, headers.Send)):
@@ -190,7 +248,9 @@ class Connection(Waits):
             return request
 
     def _catch_up_for(self, header: headers.ToCentral, epoch: str | None = None) -> None:
-        """Take in what central has said. Raises CentralLost if a header is for the central before it, of *epoch*."""
+        """Take in what central has said. Raises CentralLost if a header is for the central before
+        it, of *epoch*.
+        """
         session = self.session
         epoch = session.epoch if epoch is None else epoch
         self.line.catch_up(is_sending=True)
@@ -203,18 +263,24 @@ class Connection(Waits):
             self.line.flush(wait_seconds=0)
             raise
 
-    def _check_header(self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str) -> None:
+    def _check_header(
+        self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str
+    ) -> None:
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
-            if epoch != session.epoch and refers_to_tasks(header):  # its numbers are of the central before
+            if epoch != session.epoch and refers_to_tasks(
+                header
+            ):  # its numbers are of the central before
                 raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
             return
         for number in numbers:
             if isinstance(number, SentId):
                 number.be_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
-            with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
+            with contextlib.suppress(
+                CentralLost, Timeout
+            ):  # this one may have yet to hear of the restart
                 self.call(headers.Register(0, []), "a word of central's")
         check_epoch(numbers, session.epoch)
 
@@ -223,8 +289,8 @@ class Connection(Waits):
         return self._declared.get(name)
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
-        """Release the lock of a request; whether it was still held. With *at_once*, without waiting. Raises CentralLost
-        if central does not answer; it is told as soon as it does.
+        """Release the lock of a request; whether it was still held. With *at_once*, without
+        waiting. Raises CentralLost if central does not answer; it is told as soon as it does.
         """
         header = headers.Release(0, request.header.number, getattr(request.header, "origin", 0))
         if self.is_taken(request) or at_once:
@@ -246,7 +312,9 @@ class Connection(Waits):
             return bool(request.taken)
 
     def post(self, header: headers.ToCentral, body: bytes) -> None:
-        """Send something that has no answer. If central is not there, it is lost, counted and logged."""
+        """Send something that has no answer. If central is not there, it is lost, counted and
+        logged.
+        """
         with self.mine():
             self._catch_up_for(header)
             if self.direct.routes.tell(header, body):
@@ -256,7 +324,10 @@ class Connection(Waits):
             self.session.post(header, body)
             self.line.flush()
             if self.session.dropped > dropped == 0:
-                self.log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
+                self.log.warning(
+                    "central at %s is not there: informs and broadcasts are lost",
+                    self.transport.address,
+                )
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """A handler ended."""
@@ -279,7 +350,9 @@ class Connection(Waits):
             return self.session.open_deliveries.is_suspended(delivery)
 
     def call_back(self, function: Callable[[], object], name: object) -> None:
-        """Call a user's function. Errors in it, and of what it has sent, are logged: its author reads the log."""
+        """Call a user's function. Errors in it, and of what it has sent, are logged: its author
+        reads the log.
+        """
         try:
             function()
             self.settle(0, wait=True)
@@ -298,18 +371,20 @@ class Connection(Waits):
                 self.session.give_back()
                 self.line.flush()
 
-    # --- its end ---------------------------------------------------------------------------------------------------
+    # --- its end ----------------------------------------------------------------------------------
 
     def close(self, linger: float = LINGER, before: int = 0) -> None:
-        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent if something may
-        not have; *before*: so much was lost, and logged, earlier.
+        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent
+        if something may not have; *before*: so much was lost, and logged, earlier.
         """
         with self._lock:
             session = self.session
             try:
                 self.direct.shut()
                 self._wait_for_arrival(linger, before)
-                if self.is_mine and not self.are_owed:  # else central is gone, for which functions would wait
+                if (
+                    self.is_mine and not self.are_owed
+                ):  # else central is gone, for which functions would wait
                     self.attend()
                     self._wait_for_arrival(linger, before)
             finally:
@@ -324,8 +399,9 @@ class Connection(Waits):
             session.sends.check(0)
 
     def take_over(self, within: float) -> bool:
-        """Stop its own thread at its next use, for ever, so that another may close it at the end of the process. False
-        if that thread waited all the time, or all that was sent has arrived meanwhile.
+        """Stop its own thread at its next use, for ever, so that another may close it at the end of
+        the process. False if that thread waited all the time, or all that was sent has arrived
+        meanwhile.
         """
         self.call_soon(self.session.confirm)
         self.call_soon(self.direct.routes.confirm)
@@ -344,7 +420,12 @@ class Connection(Waits):
     @property
     def missing(self) -> int:
         """The number of messages that may not have arrived."""
-        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.routes.unheard
+        return (
+            self.lost
+            + self.session.unheard
+            + self.session.sends.untold
+            + self.direct.routes.unheard
+        )
 
     @property
     def lost(self) -> int:
@@ -361,7 +442,9 @@ class Connection(Waits):
         return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
 
     def _wait_for_arrival(self, within: float, before: int) -> None:
-        """Wait until all has arrived, unless central is gone. *before*: so much was lost earlier."""
+        """Wait until all has arrived, unless central is gone. *before*: so much was lost
+        earlier.
+        """
         session, since = self.session, self.now()
         is_waited_for = not session.is_settled and (
             session.is_welcome or self.lost > before or session.sends.untold > 0
@@ -384,4 +467,8 @@ class Connection(Waits):
             return f"{where}: {self.line.what_to_do()}"
         if self.direct.routes.unheard:
             return "their handler, which does not answer"
-        return f"{where}: the connection broke" if self.session.lost else "their handler, which is gone"
+        return (
+            f"{where}: the connection broke"
+            if self.session.lost
+            else "their handler, which is gone"
+        )

@@ -23,13 +23,17 @@ _OTHERS = 1.2  # so many times as long as the first one the others wait for a wo
 
 @dataclass
 class Look:
-    """One look of the thread at its modules. They share what they hear of a central: one of them asks it for all."""
+    """One look of the thread at its modules. They share what they hear of a central: one of them
+    asks it for all.
+    """
 
     now: float
     ready: set[int]  #: the files that can be read
     heard: dict[str, float]  #: when a central, by its address, last said anything
     asked: set[str] = field(default_factory=set)  #: centrals that one of them asks when that is due
-    advice: dict[str, str] = field(default_factory=dict)  #: what to do about one that does not answer
+    advice: dict[str, str] = field(
+        default_factory=dict
+    )  #: what to do about one that does not answer
 
 
 class KeepAlive:
@@ -37,7 +41,9 @@ class KeepAlive:
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module before its time
-        self.since = self.due = time.monotonic()  #: silence counts from then; when to look again if nothing arrives
+        self.since = self.due = (
+            time.monotonic()
+        )  #: silence counts from then; when to look again if nothing arrives
         self.files: Collection[int] = ()  #: those that tell of something
         self._link = link
         self._reconnect = reconnect
@@ -60,10 +66,16 @@ class KeepAlive:
 
     def look(self, this: Look) -> None:
         """Do what is due."""
-        link, address, patience = self._link, self._link.transport.address, self._link.waiting.patience
+        link, address, patience = (
+            self._link,
+            self._link.transport.address,
+            self._link.waiting.patience,
+        )
         if self._stop.is_set() and not self._has_told:
             self._has_told = True
-            self._link.log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
+            self._link.log.info(
+                "module '%s' has stopped, and handles nothing any more", link.session.module
+            )
             link.session.is_to_withdraw = True
             link.transport.wake()  # if its thread waits on the connection, that reports it
         since = max(self.since, this.heard.get(address, self.since))
@@ -77,7 +89,9 @@ class KeepAlive:
         silence, seconds = kept
         is_silent = silence >= patience
         self.files = link.transport.files()
-        self.due = this.now + (seconds if link.session.is_welcome and not is_silent else TEND_PERIOD)
+        self.due = this.now + (
+            seconds if link.session.is_welcome and not is_silent else TEND_PERIOD
+        )
         self._tell(this, is_silent=is_silent)
 
     def _tell(self, this: Look, *, is_silent: bool) -> None:
@@ -90,7 +104,11 @@ class KeepAlive:
         elif is_silent and not self._warned:
             if address not in this.advice:
                 this.advice[address] = link.line.what_to_do()
-            link.log.warning("central at %s does not answer, and is tried again: %s", address, this.advice[address])
+            link.log.warning(
+                "central at %s does not answer, and is tried again: %s",
+                address,
+                this.advice[address],
+            )
         elif not is_silent and self._warned:
             self._link.log.warning("central at %s is back", address)
         self._warned = is_silent

@@ -33,11 +33,15 @@ CentralAddress = str | CentralNearby | None
 
 
 def open_connection(
-    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
-    direct: Iterable[Message[Any, Any]] = (), attachments: LastingAttachments | None = None,
-) -> Connection:  # fmt: skip
-    """A connection that central has welcomed; it takes the messages *direct* straight from their senders, too. Raises
-    CentralLost if nobody answers for *patience* seconds.
+    central: CentralAddress,
+    hello: Hello,
+    patience: float,
+    is_stopped: Callable[[], bool] = lambda: False,
+    direct: Iterable[Message[Any, Any]] = (),
+    attachments: LastingAttachments | None = None,
+) -> Connection:
+    """A connection that central has welcomed; it takes the messages *direct* straight from their
+    senders, too. Raises CentralLost if nobody answers for *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
@@ -54,7 +58,11 @@ def open_connection(
 
 
 def _connection_by_socket(
-    address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]], attachments: LastingAttachments | None
+    address: str,
+    hello: Hello,
+    patience: float,
+    direct: list[Message[Any, Any]],
+    attachments: LastingAttachments | None,
 ) -> Connection:
     transport, door = DealerTransport(address), None
     hello = msgspec.structs.replace(hello, pulse=transport.pulse)
@@ -64,19 +72,34 @@ def _connection_by_socket(
             hello = msgspec.structs.replace(hello, entrance=door.entrance)
         except OSError as error:
             log = log_of(hello.module)
-            log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
+            log.warning(
+                "nothing can come to '%s' directly (%s): all goes through central",
+                hello.resource,
+                error,
+            )
     session = Session(hello, attachments)
     without_central = DirectMessages(session, transport, door, direct)
     return Connection(transport, session, patience=patience, direct=without_central)
 
 
 def hello(
-    module: str, connection: int = 0, resource: str = "", incarnation: str = "", hung_after: float = 0.0
+    module: str,
+    connection: int = 0,
+    resource: str = "",
+    incarnation: str = "",
+    hung_after: float = 0.0,
 ) -> Hello:
     """The introduction of a connection; *incarnation* names one run of a module ("": a new one)."""
     process = f"{socket.gethostname()}:{os.getpid()}"
     prefetch = PREFETCH if resource else 0
     return Hello(
-        0, PROTOCOL_VERSION, module, incarnation or token_hex(16), connection, resource, process, prefetch=prefetch,
+        0,
+        PROTOCOL_VERSION,
+        module,
+        incarnation or token_hex(16),
+        connection,
+        resource,
+        process,
+        prefetch=prefetch,
         hung_after=hung_after,
-    )  # fmt: skip
+    )

@@ -23,20 +23,31 @@ class PacketLine:
     """Sends and receives the packets of one connection."""
 
     def __init__(
-        self, session: Session, transport: Transport, direct: DirectMessages, clock: Callable[[], float]
+        self,
+        session: Session,
+        transport: Transport,
+        direct: DirectMessages,
+        clock: Callable[[], float],
     ) -> None:
         self.session = session
         self._transport = transport
-        self.time = transport.time  #: the time of handlers, in seconds; on a stepped clock it stands still
+        self.time = (
+            transport.time
+        )  #: the time of handlers, in seconds; on a stepped clock it stands still
         self.direct = direct
         self.clock = clock
         self._log = log_of(session.module)
         self._receipts = Receipts()
-        self._silence = 0.0, -math.inf  #: the seconds of central's last silence though it was asked, and their end
+        self._silence = (
+            0.0,
+            -math.inf,
+        )  #: the seconds of central's last silence though it was asked, and their end
 
     @property
     def silence(self) -> str:
-        """Why central counts as silent, for errors: it says, or takes, nothing. "" if all is well."""
+        """Why central counts as silent, for errors: it says, or takes, nothing. "" if all is
+        well.
+        """
         session, now = self.session, self.clock()
         silent = now - session.heard
         is_owed = silent >= QUIET and now - session.asked_since >= _AT_ONCE
@@ -54,7 +65,9 @@ class PacketLine:
 
     def lost(self) -> CentralLost:
         """The CentralLost for a central that does not answer."""
-        return CentralLost(f"central at {self._transport.address} does not answer: {self.what_to_do()}")
+        return CentralLost(
+            f"central at {self._transport.address} does not answer: {self.what_to_do()}"
+        )
 
     def what_to_do(self) -> str:
         """Advice for when central does not answer. Takes a moment."""
@@ -72,10 +85,13 @@ very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
-    def catch_up(self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False) -> float:
-        """Take in arrived packets, and keep the line alive; when there is more to do. So a caller that never waits
-        notices a cut, and comes back. After *quiet* seconds of silence, at most since then, central is asked for a
-        word. A caller that *is_sending* flushes right after that, with what it has to say itself.
+    def catch_up(
+        self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False
+    ) -> float:
+        """Take in arrived packets, and keep the line alive; when there is more to do. So a caller
+        that never waits notices a cut, and comes back. After *quiet* seconds of silence, at most
+        since then, central is asked for a word. A caller that *is_sending* flushes right after
+        that, with what it has to say itself.
         """
         while self.listen(0.0):
             pass
@@ -85,7 +101,9 @@ very long; or no central listens there, but another program"
         return due
 
     def listen(self, timeout: float, alarm: float = math.inf) -> bool:
-        """Take in what arrives next; False if nothing does in time, or before the moment *alarm*."""
+        """Take in what arrives next; False if nothing does in time, or before the moment
+        *alarm*.
+        """
         packet = self._transport.receive(timeout, alarm)
         if packet is not None:
             self._take_in(packet)
@@ -105,13 +123,15 @@ very long; or no central listens there, but another program"
             for header, body in unpack_to_module(packet):
                 self.session.receive(header, body, now)
         except ProtocolError as error:
-            self._log.warning("central at %s sent what is no message: %s", self._transport.address, error)
+            self._log.warning(
+                "central at %s sent what is no message: %s", self._transport.address, error
+            )
         while self.session.complaints:
             self._log.warning("%s", self.session.complaints.pop(0))
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
-        """Send what the session says; whether it left. If not that breaks the connection, unless the caller
-        *is_patient*.
+        """Send what the session says; whether it left. If not that breaks the connection, unless
+        the caller *is_patient*.
         """
         if self.session.outgoing:
             outgoing = self.session.take_outgoing(self.time)

@@ -24,7 +24,9 @@ class Stop(threading.Event):
             wake()
 
     def note(self) -> None:
-        """Have it end, from a signal's handler, which must take no lock: who waits for this wakes the others."""
+        """Have it end, from a signal's handler, which must take no lock: who waits for this wakes
+        the others.
+        """
         super().set()
 
     def clear(self) -> None:

@@ -1,7 +1,8 @@
-"""Turns of a slot: it handles what it has ahead one after the other, for a moment, and answers all of it at once.
+"""Turns of a slot: it handles what it has ahead one after the other, for a moment, and answers all
+of it at once.
 
-While a handler of a turn runs the connection is not locked: if that takes long, another thread sends the replies of
-those before it.
+While a handler of a turn runs the connection is not locked: if that takes long, another thread
+sends the replies of those before it.
 """
 
 import os
@@ -49,7 +50,9 @@ class Turns:
 
     def send_late(self) -> bool:
         """Send the replies that wait; False if there were none. For another thread."""
-        self._is_watched = False  # before it looks: a turn holds a reply, and then asks to be watched
+        self._is_watched = (
+            False  # before it looks: a turn holds a reply, and then asks to be watched
+        )
         if self._session.held.ended:
             self._is_watched = True
             if self._lock.acquire(blocking=False):

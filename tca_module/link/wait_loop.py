@@ -1,4 +1,6 @@
-"""What a thread does while it waits: it sends and listens, handles what is delivered, and calls what is due."""
+"""What a thread does while it waits: it sends and listens, handles what is delivered, and calls
+what is due.
+"""
 
 import threading
 from collections import deque
@@ -13,7 +15,9 @@ from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
-_BETWEEN = 0.25  # part of the patience that may pass between two waits of a handler and count as silence
+_BETWEEN = (
+    0.25  # part of the patience that may pass between two waits of a handler and count as silence
+)
 
 
 class WaitLoop:
@@ -26,47 +30,71 @@ class WaitLoop:
         self._line = line
         self._clock = line.clock
         self.patience = patience  #: seconds without a word from central after which a wait ends with CentralLost
-        self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
+        self.handle_delivery: Callable[[Deliver, bytes], None] | None = (
+            None  #: handles a message that was delivered
+        )
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: one of them is being called
         self._one: OpenDelivery | None = None  #: the handler that waited last with ``in_turn``
-        self._since = self._left = line.clock()  #: its silence counts from then; when that wait was over
-        self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
+        self._since = self._left = (
+            line.clock()
+        )  #: its silence counts from then; when that wait was over
+        self._word: Request | None = (
+            None  #: asked of central: nothing that is ahead begins before its answer
+        )
 
     def until(
-        self, is_over: Callable[[], bool], timeout: float | None, alarm: float = _FOR_EVER, since: float | None = None
+        self,
+        is_over: Callable[[], bool],
+        timeout: float | None,
+        alarm: float = _FOR_EVER,
+        since: float | None = None,
     ) -> bool:
-        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long, which is
-        counted from *since*, where this goes on with a wait. It looks again at the moment *alarm* of the clock on which
-        callbacks are due.
+        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for
+        too long, which is counted from *since*, where this goes on with a wait. It looks again at
+        the moment *alarm* of the clock on which callbacks are due.
         """
         return self._wait(is_over, timeout, self.patience, alarm=alarm, begun=since)
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None) -> None:
-        """Wait until *is_over*, however long central is silent; handle also what is ahead. *idle* is called in between,
-        with the seconds that it may take; False: it did nothing.
+        """Wait until *is_over*, however long central is silent; handle also what is ahead. *idle*
+        is called in between, with the seconds that it may take; False: it did nothing.
         """
         self._wait(is_over, None, _FOR_EVER, idle)
 
     def unless_woken(
-        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None,
-        alarm: float = _FOR_EVER, since: float | None = None,
-    ) -> bool:  # fmt: skip
-        """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
-        open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
+        self,
+        is_over: Callable[[], bool],
+        timeout: float | None,
+        what: object,
+        request: Request | None = None,
+        alarm: float = _FOR_EVER,
+        since: float | None = None,
+    ) -> bool:
+        """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill
+        ended both.
+        """
+        open_deliveries, one = (
+            self._session.open_deliveries,
+            self._session.open_deliveries.waiting_handler(),
+        )
         can_wake = one is not None or open_deliveries.is_ending is not never
         if not can_wake or (request is not None and not request.waits_for_others):
             return self.until(is_over, timeout, alarm, since)
-        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm, since)
+        came = self.until(
+            lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm, since
+        )
         why = open_deliveries.wake_reason(one)
-        if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
+        if why and (
+            not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)
+        ):
             self.check_woken(what)
         return came
 
     def in_turn(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
-        """Wait in a handler, perhaps one time of many, at most until *alarm*; whether *is_over*. Silence counts through
-        all its waits, and raises CentralLost once. Of the time between two of them only a part counts: perhaps nobody
-        could listen.
+        """Wait in a handler, perhaps one time of many, at most until *alarm*; whether *is_over*.
+        Silence counts through all its waits, and raises CentralLost once. Of the time between two
+        of them only a part counts: perhaps nobody could listen.
         """
         session, time, now = self._session, self._line.time, self._clock()
         one = session.open_deliveries.waiting_handler()
@@ -76,7 +104,9 @@ class WaitLoop:
             self._since += max(0.0, now - self._left - _BETWEEN * self.patience)
         self._since = max(self._since, session.heard)
         try:
-            self.unless_woken(lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=self._since)
+            self.unless_woken(
+                lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=self._since
+            )
             if not (came := is_over()):  # a loop that is late hears it, too
                 self.check_woken(what)
                 if self._clock() >= max(self._since, session.heard) + self.patience:
@@ -89,8 +119,13 @@ class WaitLoop:
         return came
 
     def check_woken(self, what: object) -> None:
-        """Raise TaskKilled or Stopped if the calling handler is to be woken, from its wait for *what*."""
-        open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
+        """Raise TaskKilled or Stopped if the calling handler is to be woken, from its wait for
+        *what*.
+        """
+        open_deliveries, one = (
+            self._session.open_deliveries,
+            self._session.open_deliveries.waiting_handler(),
+        )
         if why := open_deliveries.wake_reason(one):
             open_deliveries.mark_told(one)
             raise wake_error(one, why, self._session.module, str(what))
@@ -101,7 +136,9 @@ class WaitLoop:
         return bool(self._session.news or (self.callbacks and not self.is_calling_back))
 
     def take_news(self) -> None:
-        """Do one thing that has come up: the library's own first, else one callback (never inside another)."""
+        """Do one thing that has come up: the library's own first, else one callback (never inside
+        another).
+        """
         if self._session.news:
             self._session.news.popleft()()
         elif self.callbacks and not self.is_calling_back:
@@ -113,7 +150,9 @@ class WaitLoop:
                 self.is_calling_back = False
 
     def seconds_to(self, due: float, since: float, silence: float) -> float:
-        """The seconds until something is due, if nothing comes; central has been silent for so long."""
+        """The seconds until something is due, if nothing comes; central has been silent for so
+        long.
+        """
         patience = self.patience if silence < self.patience else _FOR_EVER
         return self._seconds_to(due, _FOR_EVER, since, patience)
 
@@ -125,11 +164,19 @@ class WaitLoop:
         return self._direct.patience(max(0.0, until - now))
 
     def _wait(
-        self, is_over: Callable[[], bool], timeout: float | None, patience: float,
-        idle: Callable[[float], bool] | None = None, alarm: float = _FOR_EVER, begun: float | None = None,
-    ) -> bool:  # fmt: skip
+        self,
+        is_over: Callable[[], bool],
+        timeout: float | None,
+        patience: float,
+        idle: Callable[[float], bool] | None = None,
+        alarm: float = _FOR_EVER,
+        begun: float | None = None,
+    ) -> bool:
         session, line, now = self._session, self._line, self._clock()
-        deadline, since = _FOR_EVER if timeout is None else now + timeout, now if begun is None else begun
+        deadline, since = (
+            _FOR_EVER if timeout is None else now + timeout,
+            now if begun is None else begun,
+        )
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
             if self.has_news:
@@ -138,14 +185,18 @@ class WaitLoop:
             if (session.deliveries or session.ahead) and self._handles_now(is_nested=idle is None):
                 continue
             due = session.tend(now, since, quiet)
-            if session.outgoing and not self._has_sent(max(0.0, min(deadline - now, alarm - line.time()))):
+            if session.outgoing and not self._has_sent(
+                max(0.0, min(deadline - now, alarm - line.time()))
+            ):
                 due = now
             is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
-                since = self._since = now  # this process stood still, central's words are not read yet: blame nobody
+                since = self._since = (
+                    now  # this process stood still, central's words are not read yet: blame nobody
+                )
                 self._doubt_what_is_ahead()
             if idle is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # and central is heard in between
@@ -157,8 +208,8 @@ class WaitLoop:
         return True
 
     def _handles_now(self, *, is_nested: bool) -> bool:
-        """Handle a message that is to be handled now; in the wait of a callback also what is next, for the answer may
-        depend on it. Whether there was one.
+        """Handle a message that is to be handled now; in the wait of a callback also what is next,
+        for the answer may depend on it. Whether there was one.
         """
         session, handle = self._session, self.handle_delivery
         if handle is None:
@@ -173,7 +224,13 @@ class WaitLoop:
     def _has_sent(self, left: float) -> bool:
         """Send what is to be said; whether it left in time."""
         session = self._session
-        within = SEND_WAIT if session.is_welcome else 0.0 if self._direct.is_used and session.epoch else STEP
+        within = (
+            SEND_WAIT
+            if session.is_welcome
+            else 0.0
+            if self._direct.is_used and session.epoch
+            else STEP
+        )
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
     def _doubt_what_is_ahead(self) -> None:
@@ -201,7 +258,9 @@ class WaitLoop:
         return self._session.has_next and not self.has_news
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle, for a moment, what is next when nothing else is: messages that were sent ahead, or came directly."""
+        """Handle, for a moment, what is next when nothing else is: messages that were sent ahead,
+        or came directly.
+        """
         if self._may_begin_next():
             self._turns.take(self._goes_on, handle)
             return

@@ -1,7 +1,8 @@
-"""The waits of one connection: for answers, for news, for callbacks, for time. What its thread does meanwhile stands in
-wait_loop.
+"""The waits of one connection: for answers, for news, for callbacks, for time. What its thread does
+meanwhile stands in wait_loop.
 
-What central delivers while it waits is handled within the wait: so a handler may ask its own resource.
+What central delivers while it waits is handled within the wait: so a handler may ask its own
+resource.
 """
 
 import contextlib
@@ -33,12 +34,13 @@ _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not t
 
 @dataclass(slots=True)
 class ToldWait:
-    """A wait of which central is told as long as it lasts: for news of an observation, or for the first of several
-    answers; used in a ``with`` block. Without requests none is told.
+    """A wait of which central is told as long as it lasts: for news of an observation, or for the
+    first of several answers; used in a ``with`` block. Without requests none is told.
 
-    Of all other waits central knows by the requests themselves. Nothing is sent if there is nothing to wait for: a wait
-    is told when it has looked in vain at all that has come. It says how much that was, so that central, which may have
-    sent more, never takes a handler for waiting that is about to go on. News ends the wait for central, too.
+    Of all other waits central knows by the requests themselves. Nothing is sent if there is nothing
+    to wait for: a wait is told when it has looked in vain at all that has come. It says how much
+    that was, so that central, which may have sent more, never takes a handler for waiting that is
+    about to go on. News ends the wait for central, too.
     """
 
     connection: "Waits"
@@ -53,8 +55,14 @@ class ToldWait:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """It is over. Central knows, if an answer ended it; requests that are no observations are given up."""
-        if self.told is not None and self.told == self._now and isinstance(self.requests[0].header, Observe):
+        """It is over. Central knows, if an answer ended it; requests that are no observations are
+        given up.
+        """
+        if (
+            self.told is not None
+            and self.told == self._now
+            and isinstance(self.requests[0].header, Observe)
+        ):
             self._post(-1)
             self.connection.line.flush(0.0, is_patient=True)
 
@@ -63,7 +71,9 @@ class ToldWait:
         return (lambda: is_over() or self._tell()) if self.requests else is_over
 
     def _tell(self) -> bool:
-        """There is nothing new: have central told, unless it knows, or something is called first. Always False."""
+        """There is nothing new: have central told, unless it knows, or something is called first.
+        Always False.
+        """
         if not (self.blocking and self.connection.waiting.has_news):
             now = self._now
             if now is not None and now != self.told:
@@ -78,29 +88,45 @@ class ToldWait:
 
     @property
     def _now(self) -> tuple[list[int], int] | None:
-        """What to tell; None if an answer is under way: the last one, or the first, of how things stand."""
+        """What to tell; None if an answer is under way: the last one, or the first, of how things
+        stand.
+        """
         observed = [one for one in self.requests if isinstance(one.header, Observe)]
-        is_asked = all(one.was_sent and not one.is_over and one.path is None for one in self.requests)
-        if not (self.connection.session.is_welcome and is_asked and all(one.seen for one in observed)):
+        is_asked = all(
+            one.was_sent and not one.is_over and one.path is None for one in self.requests
+        )
+        if not (
+            self.connection.session.is_welcome and is_asked and all(one.seen for one in observed)
+        ):
             return None
         return [one.header.number for one in self.requests], sum(one.seen for one in observed)
 
 
 class Waits(OfOneThread):
-    """The part of a Connection that waits. In a handler each wait raises TaskKilled, once, if its task was killed, and
-    Stopped, once, if its module ends. All raise CentralLost if central is silent for too long.
+    """The part of a Connection that waits. In a handler each wait raises TaskKilled, once, if its
+    task was killed, and Stopped, once, if its module ends. All raise CentralLost if central is
+    silent for too long.
     """
 
     def __init__(
-        self, transport: Transport, session: Session, *, patience: float = PATIENCE,
-        direct: DirectMessages | None = None, clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
+        self,
+        transport: Transport,
+        session: Session,
+        *,
+        patience: float = PATIENCE,
+        direct: DirectMessages | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         super().__init__()
         self.session = session
         self.transport = transport
         self.direct = direct or DirectMessages(session)  #: messages sent without central
-        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
-        self.await_moment: Callable[[float], Awaitable[None]] | None = None  #: of the transport's clock; in asyncio
+        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = (
+            None  #: in asyncio
+        )
+        self.await_moment: Callable[[float], Awaitable[None]] | None = (
+            None  #: of the transport's clock; in asyncio
+        )
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
         self.waiting = WaitLoop(self.line, self._lock, patience)
@@ -108,17 +134,23 @@ class Waits(OfOneThread):
         self.log = log_of(session.module)
         self._declared: dict[str, Message[Any, Any]] = {}  # of which central has been told, by name
 
-    # --- for answers -----------------------------------------------------------------------------------------------
+    # --- for answers ------------------------------------------------------------------------------
 
     def wait(
-        self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None,
-        since: float | None = None, told: ToldWait | None = None,
-    ) -> bool:  # fmt: skip
-        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time. *since*, *told*
-        when this wait began, and as what, if it goes on with one.
+        self,
+        request: Request,
+        timeout: float | None,
+        what: object,
+        is_over: Callable[[], bool] | None = None,
+        since: float | None = None,
+        told: ToldWait | None = None,
+    ) -> bool:
+        """Wait until a request is over, or *is_over* says that enough has come; whether it did in
+        time. *since*, *told* when this wait began, and as what, if it goes on with one.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; in a handler
-        once TaskKilled if its task was killed, and once Stopped if its module ends.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for
+        too long; in a handler once TaskKilled if its task was killed, and once Stopped if its
+        module ends.
         """
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
@@ -127,16 +159,24 @@ class Waits(OfOneThread):
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
                 is_followed = timeout != 0 and isinstance(request.header, Observe)
-                with told or ToldWait(self, [request] * is_followed, timeout is not None and timeout < BRIEF) as wait:
+                with told or ToldWait(
+                    self, [request] * is_followed, timeout is not None and timeout < BRIEF
+                ) as wait:
                     is_told = wait.until(is_done)
-                    came = is_done() or self.waiting.unless_woken(is_told, timeout, what, request, since=since)
+                    came = is_done() or self.waiting.unless_woken(
+                        is_told, timeout, what, request, since=since
+                    )
             except CentralLost as error:
                 self.abandon(request)
-                raise CentralLost(f"{error}; {what} {given_up.fate_of(self.session, request)}") from None
+                raise CentralLost(
+                    f"{error}; {what} {given_up.fate_of(self.session, request)}"
+                ) from None
             except BaseException:
                 self.abandon(request)
                 raise
-            if request.refused is not None and not request.what:  # perhaps because of what was sent before
+            if (
+                request.refused is not None and not request.what
+            ):  # perhaps because of what was sent before
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
             return came
@@ -144,8 +184,8 @@ class Waits(OfOneThread):
     def until_over(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
     ) -> Generator[Any, None, None]:
-        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does. With *is_over* the
-        request goes on if the wait is broken off.
+        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait``
+        does. With *is_over* the request goes on if the wait is broken off.
         """
         is_done = is_over or (lambda: request.is_over)
         if self.await_news is None:
@@ -153,7 +193,9 @@ class Waits(OfOneThread):
             raise MisuseError(msg)
         self.announce(request, blocking=False)
         try:
-            with ToldWait(self, [request] * isinstance(request.header, Observe), brief=False, blocking=False) as told:
+            with ToldWait(
+                self, [request] * isinstance(request.header, Observe), brief=False, blocking=False
+            ) as told:
                 is_told = told.until(is_done)
                 while not is_told():
                     yield from self.await_news(request)
@@ -164,7 +206,9 @@ class Waits(OfOneThread):
         request.check(what)
 
     def announce(self, request: Request, *, blocking: bool = True) -> None:
-        """Tell central, if it does not know, that the answer to a question is waited for from now on."""
+        """Tell central, if it does not know, that the answer to a question is waited for from now
+        on.
+        """
         with self._lock:
             if not request.is_unannounced:
                 return
@@ -200,22 +244,28 @@ class Waits(OfOneThread):
         """The waiting handler is about to get an error, and so has been told of a kill."""
         self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
 
-    # --- for anything else ----------------------------------------------------------------------------------------
+    # --- for anything else ------------------------------------------------------------------------
 
-    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
-        """Handle deliveries until *is_over*, however long central is silent. *idle* is called in between, with
-        the seconds that it may take; False: it did nothing.
+    def serve(
+        self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None
+    ) -> None:
+        """Handle deliveries until *is_over*, however long central is silent. *idle* is called in
+        between, with the seconds that it may take; False: it did nothing.
         """
         with self.mine():
             self.waiting.serve(is_over, idle)
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
+        """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait``
+        does.
+        """
         self.check_thread()
         check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
             if self.waiting.is_calling_back:
-                raise MisuseError("a callback waits for another one: they are called one after the other")
+                raise MisuseError(
+                    "a callback waits for another one: they are called one after the other"
+                )
             return is_over() or self.waiting.unless_woken(is_over, timeout, "a callback")
 
     def pause(self, seconds: float, what: str) -> None:
@@ -224,19 +274,26 @@ class Waits(OfOneThread):
             self.waiting.unless_woken(lambda: False, seconds, what)
 
     def wait_until(
-        self, is_over: Callable[[], bool], what: object, moment: float | None = None, on: Sequence[Request] = ()
+        self,
+        is_over: Callable[[], bool],
+        what: object,
+        moment: float | None = None,
+        on: Sequence[Request] = (),
     ) -> bool:
-        """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is. ``call_soon`` has it
-        look again, and so has news of what is waited *on*, of which central is told. Raises what ``wait`` does.
+        """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is.
+        ``call_soon`` has it look again, and so has news of what is waited *on*, of which central is
+        told. Raises what ``wait`` does.
         """
         with self.mine():
             self.line.catch_up()
             with ToldWait(self, on, brief=True) as told:
-                return self.waiting.in_turn(told.until(is_over), what, math.inf if moment is None else moment)
+                return self.waiting.in_turn(
+                    told.until(is_over), what, math.inf if moment is None else moment
+                )
 
     def hear_out(self, request: Request) -> None:
-        """Take in the end of a request, which central has told by now, and call what is due because of it. Wakes no
-        handler, and raises nothing if it does not come.
+        """Take in the end of a request, which central has told by now, and call what is due because
+        of it. Wakes no handler, and raises nothing if it does not come.
         """
         with self.mine():
             with contextlib.suppress(CentralLost):
@@ -248,7 +305,7 @@ class Waits(OfOneThread):
         """Why central counts as silent, for errors; "" if all is well."""
         return self.line.silence
 
-    # --- without waiting ------------------------------------------------------------------------------------------
+    # --- without waiting --------------------------------------------------------------------------
 
     def catch_up(self) -> None:
         """Take in what has arrived. Never waits."""
@@ -268,14 +325,16 @@ class Waits(OfOneThread):
             self.line.flush()
 
     def tend(self, since: float) -> float:
-        """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
+        """Keep the connection alive while its own thread is busy; the seconds of central's
+        silence.
+        """
         with self._lock:
             self.line.catch_up(since, quiet_within(self.waiting.patience))
             return self.now() - max(self.session.heard, since)
 
     def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """``tend`` for another thread, while nothing is asked here; the seconds of central's silence, and in how many
-        there is something to do. None: its own thread uses it.
+        """``tend`` for another thread, while nothing is asked here; the seconds of central's
+        silence, and in how many there is something to do. None: its own thread uses it.
         """
         if not self._lock.acquire(blocking=False):
             return None
@@ -288,7 +347,9 @@ class Waits(OfOneThread):
             self._lock.release()
 
     def call_soon(self, function: Callable[[], None]) -> None:
-        """Have the thread of this connection call a function in its present or next wait; from any thread."""
+        """Have the thread of this connection call a function in its present or next wait; from any
+        thread.
+        """
         self.check_process()
         self.session.news.append(function)
         self.transport.wake()

@@ -17,23 +17,35 @@ _PERIOD = 0.05  # seconds between two questions whether to go on waiting
 
 
 def wait_for_any(
-    tasks: Sequence[TaskRef], timeout: float | None = None, *, until: Callable[[], object] | None = None
+    tasks: Sequence[TaskRef],
+    timeout: float | None = None,
+    *,
+    until: Callable[[], object] | None = None,
 ) -> list[TaskRef]:
     """Wait until at least one of the tasks has ended; those that have.
 
-    [] if none has after *timeout* seconds, or when *until*, which is asked 20 times a second, gives something true. A
-    task that failed is no error here: its ``result()`` raises it, without waiting.
+    [] if none has after *timeout* seconds, or when *until*, which is asked 20 times a second, gives
+    something true. A task that failed is no error here: its ``result()`` raises it, without
+    waiting.
     """
     return first_ended(tasks, timeout, until, brief=is_brief(_CALL, timeout) or until is not None)
 
 
 def first_ended(
-    tasks: Sequence[TaskRef], timeout: float | None, until: Callable[[], object] | None, *, brief: bool
+    tasks: Sequence[TaskRef],
+    timeout: float | None,
+    until: Callable[[], object] | None,
+    *,
+    brief: bool,
 ) -> list[TaskRef]:
-    """``wait_for_any``. *brief*: other things may end the wait, or time soon does: it is no deadlock."""
+    """``wait_for_any``. *brief*: other things may end the wait, or time soon does: it is no
+    deadlock.
+    """
     check(_CALL, checks.TIMEOUT, timeout=timeout)
     if not tasks or not all(isinstance(task, TaskRef) for task in tasks):
-        raise MisuseError(f"{_CALL} needs a list of tasks that were sent or found, not {tasks!r:.60}")
+        raise MisuseError(
+            f"{_CALL} needs a list of tasks that were sent or found, not {tasks!r:.60}"
+        )
     if ended := [task for task in tasks if task._end is not None]:
         return ended
     connection = tasks[0]._connection()
@@ -55,9 +67,14 @@ def first_ended(
 
 
 def _wait(
-    connection: Connection, requests: list[Request], timeout: float | None, until: Callable[[], object] | None,
-    what: object, *, brief: bool,
-) -> None:  # fmt: skip
+    connection: Connection,
+    requests: list[Request],
+    timeout: float | None,
+    until: Callable[[], object] | None,
+    what: object,
+    *,
+    brief: bool,
+) -> None:
     """Wait until one of the requests is over, or *until* says that it is enough."""
 
     def is_over() -> bool:

@@ -1,4 +1,6 @@
-"""Exception handlers and wiretaps that were attached, and exception handlers that are to be attached to a new task."""
+"""Exception handlers and wiretaps that were attached, and exception handlers that are to be
+attached to a new task.
+"""
 
 from typing import Any
 
@@ -14,11 +16,13 @@ from tca_wire.packets.parts import Attachment
 
 
 class AttachmentRef:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away. That of a message or of the root
-    is attached anew when central was restarted.
+    """An exception handler or wiretap that was attached; ``remove()`` takes it away. That of a
+    message or of the root is attached anew when central was restarted.
     """
 
-    def __init__(self, connection: Connection, number: int, header: headers.Attach | headers.Tap) -> None:
+    def __init__(
+        self, connection: Connection, number: int, header: headers.Attach | headers.Tap
+    ) -> None:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._standing = self._attachments.of(header)
@@ -31,7 +35,9 @@ class AttachmentRef:
         return self._standing.number if self._standing is not None else self._number
 
     def remove(self) -> None:
-        """Take it away for good, unless another module wants it too. Messages that it has sent stay."""
+        """Take it away for good, unless another module wants it too. Messages that it has sent
+        stay.
+        """
         connection = self._connection
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
@@ -44,16 +50,23 @@ class AttachmentRef:
 
 
 class Recovery:
-    """An exception handler of a task that is being sent: ``on_failure=[Recovery(COLLISION, RAISE_LEG, maximum=2)]``. It
-    takes what ``on_failure()`` of a handle takes. Raises MisuseError if handler and failure do not fit.
+    """An exception handler of a task that is being sent: ``on_failure=[Recovery(COLLISION,
+    RAISE_LEG, maximum=2)]``. It takes what ``on_failure()`` of a handle takes. Raises MisuseError
+    if handler and failure do not fit.
     """
 
     __slots__ = ("attachment", "handler")
 
     def __init__(
-        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+        self,
+        failure: Failure[Any] | None,
+        handler: ExceptionHandler[Any],
+        *,
+        maximum: int | None = None,
     ) -> None:
         check_handles(failure, handler)
         check(handler.title, checks.MAXIMUM, maximum=maximum)
         self.handler = handler
-        self.attachment = Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
+        self.attachment = Attachment(
+            failure.name if failure is not None else "", handler.name, maximum or 0
+        )

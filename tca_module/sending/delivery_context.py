@@ -34,14 +34,16 @@ class Trouble:
         return f"failure '{self.failure}' of {self.failing}"
 
     def resolved(self) -> bool:
-        """Say that the failure has been dealt with: the task is *done after a failure*, and what follows it goes on.
+        """Say that the failure has been dealt with: the task is *done after a failure*, and what
+        follows it goes on.
 
-        It counts when the task of the exception handler has ended, with all that it has sent. If the handler then
-        fails, is killed, or reissues the failure, that goes on up the tree. An exception handler that neither says this
-        nor retries or kills the failed task, or one above it, has only looked on: the failure goes on up, too.
+        It counts when the task of the exception handler has ended, with all that it has sent. If
+        the handler then fails, is killed, or reissues the failure, that goes on up the tree. An
+        exception handler that neither says this nor retries or kills the failed task, or one above
+        it, has only looked on: the failure goes on up, too.
 
-        Returns False if the failed task was killed, or is retried: then that counts. Raises Refused ("too late") when
-        the handler has returned.
+        Returns False if the failed task was killed, or is retried: then that counts. Raises Refused
+        ("too late") when the handler has returned.
 
         Example:
             ::
@@ -56,8 +58,8 @@ class Trouble:
         return self.failing._steer(header, f"resolving failure '{self.failure}' of")  # noqa: SLF001
 
     def reissue(self) -> Exception:
-        """The error to raise so that the search goes on above at once: ``raise task.trouble.reissue()``
-        (ByPassException). It overrules ``resolved()``.
+        """The error to raise so that the search goes on above at once: ``raise
+        task.trouble.reissue()`` (ByPassException). It overrules ``resolved()``.
         """
         return Reissued(f"{self} is reissued")
 
@@ -72,9 +74,13 @@ class TapEvent:
 
 
 class MonitorRef(TaskRef, Generic[D]):
-    """A monitor; *action* is the name of the message that a demon monitor is fired with, "" for any other."""
+    """A monitor; *action* is the name of the message that a demon monitor is fired with, "" for any
+    other.
+    """
 
-    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
+    def __init__(
+        self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str
+    ) -> None:
         super().__init__(connection, message, task_id, origin)
         self.action = action
 
@@ -83,11 +89,12 @@ class MonitorRef(TaskRef, Generic[D]):
     @overload
     def fire(self, action: Message[A, Any], data: A) -> bool: ...
     def fire(self, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
-        """Send the *action* of a demon monitor, with these data: the event that it watches for has happened. Any other
-        is fired without: it tests its condition now, and its period starts anew.
+        """Send the *action* of a demon monitor, with these data: the event that it watches for has
+        happened. Any other is fired without: it tests its condition now, and its period starts
+        anew.
 
-        Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another
-        message than its action.
+        Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises
+        MisuseError for another message than its action.
         """
         check_action(LateText(lambda: str(self)), self.action, action)
         name, body = "", b""
@@ -102,21 +109,32 @@ class MonitorRef(TaskRef, Generic[D]):
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
-    """Raises MisuseError if a monitor is not fired with *action*, but with the message called *wanted*, or none."""
+    """Raises MisuseError if a monitor is not fired with *action*, but with the message called
+    *wanted*, or none.
+    """
     if action is None and not wanted:
         return
     if not isinstance(action, Message) or action.name != wanted:
-        says = f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
+        says = (
+            f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
+        )
         given = action.title if isinstance(action, Message) else repr(action)
         raise MisuseError(f"{what} can't be fired with {given:.60}: {says}")
 
 
-def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":
+def context_of(
+    connection: Connection, delivery: Deliver, origin: int
+) -> "Trouble | TapEvent | MonitorRef[Any] | None":
     """The context of a delivery, with references to tasks of its central."""
 
     def known(involved: parts.Involved) -> tuple[Connection, str, TaskId, int]:
         message, task = involved.message, involved.task
-        return connection, message, with_epoch(task, connection.session.epoch, numbered(message, task)), origin
+        return (
+            connection,
+            message,
+            with_epoch(task, connection.session.epoch, numbered(message, task)),
+            origin,
+        )
 
     def ref(involved: parts.Involved) -> TaskRef | None:
         return TaskRef(*known(involved)) if involved.task else None
@@ -124,7 +142,9 @@ def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Troub
     context = delivery.context
     if isinstance(context, parts.Trouble):
         failing, attached = TaskRef(*known(context.failing)), ref(context.attached)
-        return Trouble(context.failure, context.text, failing, attached, context.attempts, context.invocations)
+        return Trouble(
+            context.failure, context.text, failing, attached, context.attempts, context.invocations
+        )
     if isinstance(context, parts.Tapped):
         return TapEvent(context.condition, context.tapped.message, ref(context.tapped))
     if isinstance(context, parts.Watching):

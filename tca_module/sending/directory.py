@@ -36,7 +36,9 @@ class HandlerInfo(msgspec.Struct, frozen=True):
     module: str
     resource: str
     capacity: int
-    """Number of messages its resource takes at a time; 0 while the module is about to come or go."""
+    """Number of messages its resource takes at a time; 0 while the module is about to come or
+    go.
+    """
     pool: str
     pending: int
     """The most messages of this name that may wait for it (0: no limit)."""

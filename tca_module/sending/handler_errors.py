@@ -6,7 +6,15 @@ from types import TracebackType
 
 import msgspec
 
-from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout
+from tca_module.errors import (
+    Deadlock,
+    LockLost,
+    QueryFailed,
+    Stopped,
+    TaskFailed,
+    TaskKilled,
+    Timeout,
+)
 from tca_wire.messages import failures
 from tca_wire.messages.declarations import FailureRaised
 from tca_wire.packets.headers import Fail
@@ -42,7 +50,9 @@ _NAMED = (
 
 
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure for an error that ended a handler. One from elsewhere keeps its name; "handler error" is its kind."""
+    """The failure for an error that ended a handler. One from elsewhere keeps its name; "handler
+    error" is its kind.
+    """
     header, body = _failed(delivery, _sole(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 
@@ -59,7 +69,9 @@ def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 
 def _printable(text: str) -> str:
-    """Texts of Python may be none: names of files, mostly. Central keeps the beginning and the end of a long one."""
+    """Texts of Python may be none: names of files, mostly. Central keeps the beginning and the end
+    of a long one.
+    """
     return shortened(text.encode(errors="backslashreplace").decode())
 
 
@@ -75,12 +87,16 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     for kind, name in _NAMED:
         if isinstance(error, kind):
             text = str(error) or f"{type(error).__name__} in its handler"
-            return Fail(delivery, name, text, [] if kind is Misfit else [failures.HANDLER_ERROR]), b""
+            return Fail(
+                delivery, name, text, [] if kind is Misfit else [failures.HANDLER_ERROR]
+            ), b""
     return Fail(delivery, failures.HANDLER_ERROR, _describe(error)), b""
 
 
 def _sole(error: BaseException) -> BaseException:
-    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into groups."""
+    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into
+    groups.
+    """
     inner = error
     while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
         inner = inner.exceptions[0]
@@ -89,7 +105,9 @@ def _sole(error: BaseException) -> BaseException:
 
 def _describe(error: BaseException) -> str:
     """The error in one line, then its traceback from the handler on."""
-    lines = traceback.format_exception(type(error), error, _from_the_handler_on(error.__traceback__))
+    lines = traceback.format_exception(
+        type(error), error, _from_the_handler_on(error.__traceback__)
+    )
     text = "".join(lines).rstrip()
     if len(text) > _TRACEBACK_LIMIT:
         text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"

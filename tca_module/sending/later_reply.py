@@ -1,4 +1,6 @@
-"""A reply that comes after the handler has returned (TCA: distributed responses; TDL: POSTPONE and RESUME)."""
+"""A reply that comes after the handler has returned (TCA: distributed responses; TDL: POSTPONE and
+RESUME).
+"""
 
 import threading
 from typing import Any, Generic, overload
@@ -18,16 +20,20 @@ from tca_wire.text.measures import numbered
 class LaterReply(ReportingTask, Generic[R]):
     """The reply that a handler owes: it returns this, and another thread or callback replies later.
 
-    Keep it until you call ``reply`` or ``fail``, once, from any thread: until then its slot is taken. That is so for a
-    killed task, too: look at ``cancelled``, stop the device, then reply. Nothing is owed any more when you have
-    accepted a client's cancel. ``accept``, ``report`` and ``take`` come before the reply, and what clients ask for is
-    in ``request``.
+    Keep it until you call ``reply`` or ``fail``, once, from any thread: until then its slot is
+    taken. That is so for a killed task, too: look at ``cancelled``, stop the device, then reply.
+    Nothing is owed any more when you have accepted a client's cancel. ``accept``, ``report`` and
+    ``take`` come before the reply, and what clients ask for is in ``request``.
 
     A LaterReply that is dropped without an answer fails with "forgotten"; a killed task just ends.
     """
 
     def __init__(
-        self, connection: Connection, message: Message[Any, R], delivery: Deliver, state: ServerState | None = None
+        self,
+        connection: Connection,
+        message: Message[Any, R],
+        delivery: Deliver,
+        state: ServerState | None = None,
     ) -> None:
         """*state*: the task's, if it is one."""
         self._connection = connection
@@ -37,25 +43,43 @@ class LaterReply(ReportingTask, Generic[R]):
         self._open_delivery = current_delivery()  # the handler's that owes it
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
-        self._has_returned = False  # the handler; before it has, central must not take its thread for free
+        self._has_returned = (
+            False  # the handler; before it has, central must not take its thread for free
+        )
         self._ended = ""  # why no answer is taken any more
         self._is_stopped = False  # a client's cancel was accepted
         if state is not None:
-            state.on_stop = WeakMethod(self._stopped)  # nothing of the library's may keep this: see __del__
+            state.on_stop = WeakMethod(
+                self._stopped
+            )  # nothing of the library's may keep this: see __del__
 
     def __del__(self) -> None:
-        if getattr(self, "_has_returned", False) and self.is_open and not self._connection.is_inherited:
+        if (
+            getattr(self, "_has_returned", False)
+            and self.is_open
+            and not self._connection.is_inherited
+        ):
             self._connection.call_soon(self._forgotten)
 
     def __repr__(self) -> str:
-        return numbered(self._message.name, self._delivery.task) if self._delivery.task else f"'{self._message.name}'"
+        return (
+            numbered(self._message.name, self._delivery.task)
+            if self._delivery.task
+            else f"'{self._message.name}'"
+        )
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed and its reply is still owed: stop when that is safe, then reply."""
+        """Whether the task has been killed and its reply is still owed: stop when that is safe,
+        then reply.
+        """
         self._connection.check_process()
-        with working_on(self._open_delivery):  # a restarted central may have given another delivery the same number
-            return self.is_open and self._connection.session.open_deliveries.is_cancelled(self._delivery.delivery)
+        with working_on(
+            self._open_delivery
+        ):  # a restarted central may have given another delivery the same number
+            return self.is_open and self._connection.session.open_deliveries.is_cancelled(
+                self._delivery.delivery
+            )
 
     @property
     def is_open(self) -> bool:
@@ -68,7 +92,9 @@ class LaterReply(ReportingTask, Generic[R]):
         if self._ended:
             raise Stopped(f"{self} can't be reported on any more: {self._ended}")
         if self._answer is not None:
-            raise MisuseError(f"{self} has been answered already: accept, report and take before that")
+            raise MisuseError(
+                f"{self} has been answered already: accept, report and take before that"
+            )
         return self._state
 
     @overload
@@ -76,13 +102,16 @@ class LaterReply(ReportingTask, Generic[R]):
     @overload
     def reply(self, value: R) -> None: ...
     def reply(self, value: Any = None) -> None:
-        """Complete the message with its reply or result. Raises BadData if *value* does not fit (the reply is still
-        owed), MisuseError if it was given before, Stopped if the module has ended.
+        """Complete the message with its reply or result. Raises BadData if *value* does not fit
+        (the reply is still owed), MisuseError if it was given before, Stopped if the module has
+        ended.
         """
         self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
 
     def fail(self, error: BaseException) -> None:
-        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Raises what ``reply`` does."""
+        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Raises what
+        ``reply`` does.
+        """
         if not isinstance(error, BaseException):
             msg = f"{self} can't fail with {error!r:.60}: give it FAILURE(data) of a declared Failure, or an exception"
             raise MisuseError(msg)
@@ -135,7 +164,10 @@ class LaterReply(ReportingTask, Generic[R]):
     def module_ends(self) -> None:
         """The handler's thread ends: a reply still owed has failed."""
         self.end("its module has ended")
-        failure = Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"), b""
+        failure = (
+            Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"),
+            b"",
+        )
         with working_on(self._open_delivery):
             self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
 

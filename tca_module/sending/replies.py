@@ -5,7 +5,15 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic
 
 from tca_module.checks import TIMEOUT, check
-from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
+from tca_module.errors import (
+    BadData,
+    MisuseError,
+    QueryFailed,
+    Stopped,
+    TaskKilled,
+    TcaError,
+    Timeout,
+)
 from tca_module.link.connection import Connection
 from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
@@ -48,8 +56,9 @@ class PendingReply(_Question, Generic[R]):
         self._message = message
 
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
-        """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the handler failed;
-        Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does: the query is given up then.
+        """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the
+        handler failed; Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does:
+        the query is given up then.
         """
         check(self._message.title, TIMEOUT, timeout=timeout)
         return self.receive_within(timeout, timeout)
@@ -87,10 +96,16 @@ class PendingReply(_Question, Generic[R]):
 
 
 class PendingReplies(_Question, Iterator[R], Generic[R]):
-    """The replies to a multi-query as they come; each step waits for the next. Ends as ``multi_query`` does."""
+    """The replies to a multi-query as they come; each step waits for the next. Ends as
+    ``multi_query`` does.
+    """
 
     def __init__(
-        self, connection: Connection, request: Request, message: MultiQuery[Any, R], timeout: float | None
+        self,
+        connection: Connection,
+        request: Request,
+        message: MultiQuery[Any, R],
+        timeout: float | None,
     ) -> None:
         super().__init__(connection, request)
         self._message = message
@@ -111,7 +126,9 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
 
     def _has_answer(self) -> bool:
         if not self.request.answers and not self.request.is_over:
-            patience = None if self._deadline is None else max(0.0, self._deadline - self.connection.now())
+            patience = (
+                None if self._deadline is None else max(0.0, self._deadline - self.connection.now())
+            )
             try:
                 came = self.connection.wait(
                     self.request, patience, self._message.title, lambda: bool(self.request.answers)
@@ -128,9 +145,11 @@ class Notification(Generic[R]):
     """A query whose reply calls a function, once."""
 
     def __init__(
-        self, pending: PendingReply[R], callback: Callable[[Any, R], object],
+        self,
+        pending: PendingReply[R],
+        callback: Callable[[Any, R], object],
         on_failure: Callable[[Any, Exception], object] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.is_over = False  #: the function has been called, or never will be
         self._connection = connection = pending.connection
         self._pending = pending
@@ -139,8 +158,8 @@ class Notification(Generic[R]):
         pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the function has been called; False if it was not within *timeout* seconds. Raises CentralLost,
-        TaskKilled or Stopped as ``query`` does; the query is given up then.
+        """Wait until the function has been called; False if it was not within *timeout* seconds.
+        Raises CentralLost, TaskKilled or Stopped as ``query`` does; the query is given up then.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)

@@ -1,8 +1,9 @@
-"""The order of a Sender's children: the constraints that the next one needs, inside and outside of blocks.
+"""The order of a Sender's children: the constraints that the next one needs, inside and outside of
+blocks.
 
-A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first* tasks, with which
-it begins, and *last* tasks, whose ends are its end. Knows task ids only. One that is refused afterwards is as if it had
-never been sent.
+A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first*
+tasks, with which it begins, and *last* tasks, whose ends are its end. Knows task ids only. One that
+is refused afterwards is as if it had never been sent.
 """
 
 from collections import deque
@@ -18,8 +19,12 @@ from tca_wire.points import THIS, TaskId
 class _Block:
     """A block, and the tasks that its next element comes after."""
 
-    def __init__(self, around: "_Block | None", ahead: int | None = None, *, is_parallel: bool = False) -> None:
-        self.after: list[TaskId] = around.after[:] if around else []  #: achieved before the next element is
+    def __init__(
+        self, around: "_Block | None", ahead: int | None = None, *, is_parallel: bool = False
+    ) -> None:
+        self.after: list[TaskId] = (
+            around.after[:] if around else []
+        )  #: achieved before the next element is
         self.first: list[TaskId] = []
         self.last: list[TaskId] = []
         self.delays_planning: bool = ahead == 0 or bool(around and around.delays_planning)
@@ -56,7 +61,9 @@ class SiblingOrder:
     """The order among the children of one Sender."""
 
     def __init__(self, *, is_shared: bool) -> None:
-        self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
+        self._is_shared = (
+            is_shared  # others send there, too: central's "last sibling" may be theirs
+        )
         self._epoch = ""
         self.forget()
 
@@ -65,8 +72,12 @@ class SiblingOrder:
         self._newest: TaskId | None = None
         self._blocks: list[_Block] = [_Block(None)]
 
-    def place(self, epoch: str, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
-        """The flags and constraints of the next child. A central of another *epoch* has forgotten those before."""
+    def place(
+        self, epoch: str, *, is_goal: bool, sequential: bool
+    ) -> tuple[Flags, list[Constraint]]:
+        """The flags and constraints of the next child. A central of another *epoch* has forgotten
+        those before.
+        """
         if self._epoch and self._epoch != epoch:
             self.forget()
         self._epoch = epoch
@@ -79,7 +90,9 @@ class SiblingOrder:
             else:
                 constraints = [sequential_achievement(before, THIS) for before in block.after]
         if is_goal:  # a command is not planned
-            constraints += [plan_ahead(behind, THIS) for behind in _standing(block.next_planned_after())]
+            constraints += [
+                plan_ahead(behind, THIS) for behind in _standing(block.next_planned_after())
+            ]
             flags |= Flags.DELAY_PLANNING if block.delays_planning else Flags.NONE
         return flags, constraints
 

@@ -25,15 +25,21 @@ C = TypeVar("C")
 
 
 class Task(Sender, SteerableTask, ReportingTask):
-    """The message being handled. Goals and commands sent from it become its subtasks; ``kill``, ``suspend`` and their
-    like are about itself.
+    """The message being handled. Goals and commands sent from it become its subtasks; ``kill``,
+    ``suspend`` and their like are about itself.
 
-    It belongs to the handler's thread, until the handler returns. A query, inform or broadcast is no task of the tree:
+    It belongs to the handler's thread, until the handler returns. A query, inform or broadcast is
+    no task of the tree:
     its *id* is 0, and its handler sends under the root.
     """
 
     def __init__(
-        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False
+        self,
+        connection: Connection,
+        delivery: Deliver,
+        message: Message[Any, Any],
+        *,
+        accepts: bool = False,
     ) -> None:
         """*accepts*: the handler says itself when it accepts the task."""
         self._link: Connection | None = connection
@@ -57,15 +63,17 @@ class Task(Sender, SteerableTask, ReportingTask):
 
     @property
     def delivery(self) -> int:
-        """The number by which the handler's answer names the message; below 0 if it came directly."""
+        """The number by which the handler's answer names the message; below 0 if it came
+        directly.
+        """
         return self._delivery.delivery
 
     @property
     def cancelled(self) -> bool:
         """Whether the task has been killed or the module ends: clean up and return. Never waits.
 
-        A handler that does not look is woken from its next wait with TaskKilled or Stopped, once. If it was told that
-        its module ends, it has failed with "module lost", whatever it returns.
+        A handler that does not look is woken from its next wait with TaskKilled or Stopped, once.
+        If it was told that its module ends, it has failed with "module lost", whatever it returns.
         """
         try:
             return self._connection().is_cancelled(self.delivery)
@@ -106,56 +114,61 @@ class Task(Sender, SteerableTask, ReportingTask):
             raise MisuseError(f"'{self.message}' was not sent as {what}")
         return context
 
-    # --- requests of clients ---------------------------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     @overload
     def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
     @overload
     def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
-        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled if the task is
-        killed, Stopped if the module ends. In async handlers use ``requests()``.
+        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled
+        if the task is killed, Stopped if the module ends. In async handlers use ``requests()``.
         """
         check(f"wait_for_request() of {self}", checks.TIMEOUT, timeout=timeout)
         return self._served().wait(timeout)
 
     def requests(self) -> Requests:
-        """The requests of clients as they come; in async handlers for ``async for request in task.requests():``."""
+        """The requests of clients as they come; in async handlers for ``async for request in
+        task.requests():``.
+        """
         return Requests(self._served())
 
     def rejected(self, why: str = "") -> Exception:
-        """The error to raise when the task is not begun: ``raise task.rejected("no hand is free")``. Its client gets
-        the failure "rejected".
+        """The error to raise when the task is not begun: ``raise task.rejected("no hand is
+        free")``. Its client gets the failure "rejected".
         """
         check(f"rejected() of {self}", checks.TEXT, why=why)
         return Rejection(why or "its handler gives no reason")
 
     def aborted(self, why: str = "") -> TaskKilled:
-        """The error to raise when all is safe after a request for the task's end: ``raise task.aborted()``. It is the
-        short form of ``request.accept()`` and a return.
+        """The error to raise when all is safe after a request for the task's end: ``raise
+        task.aborted()``. It is the short form of ``request.accept()`` and a return.
         """
         check(f"aborted() of {self}", checks.TEXT, why=why)
         self._served().stop(why)
         return Aborted(str(self), why or "a client has asked for its end")
 
-    # --- time ------------------------------------------------------------------------------------------------------
+    # --- time -------------------------------------------------------------------------------------
 
     def time(self) -> float:
-        """The seconds of the clock by which handlers sleep, also if a restarted central has forgotten the task."""
+        """The seconds of the clock by which handlers sleep, also if a restarted central has
+        forgotten the task.
+        """
         return self._own_connection().transport.time()
 
     def sleep(self, seconds: float) -> Any:
-        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends.
+        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or
+        the module ends.
 
-        In an async handler ``await task.sleep(2)``: its event loop turns, and a kill or the module's end raises
-        CancelledError.
+        In an async handler ``await task.sleep(2)``: its event loop turns, and a kill or the
+        module's end raises CancelledError.
         """
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
         return self.sleep_until(self.time() + seconds)
 
     def sleep_until(self, moment: float) -> Any:
-        """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile counts. Otherwise
-        like ``sleep``.
+        """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile
+        counts. Otherwise like ``sleep``.
         """
         connection = self._own_connection()
         if self.is_async and connection.await_moment is not None:
@@ -164,32 +177,40 @@ class Task(Sender, SteerableTask, ReportingTask):
         return None
 
     def wait_until(
-        self, is_over: Callable[[], bool], timeout: float | None = None, *, on: Iterable[TaskRef] = ()
+        self,
+        is_over: Callable[[], bool],
+        timeout: float | None = None,
+        *,
+        on: Iterable[TaskRef] = (),
     ) -> bool:
-        """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise like ``sleep``.
+        """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise
+        like ``sleep``.
 
-        It looks when ``wake()`` was called, from any thread: a driver's, for example. Central takes that for work of
-        the handler's own; with *on* for a wait for changes of these tasks.
+        It looks when ``wake()`` was called, from any thread: a driver's, for example. Central takes
+        that for work of the handler's own; with *on* for a wait for changes of these tasks.
         """
         what = f"wait_until() of {self}"
         check(what, checks.TIMEOUT, timeout=timeout)
         connection = self._own_connection()
         connection.transport.waker()
         observed = [task._followed().request for task in on]  # noqa: SLF001 - a wait for many is made of each
-        return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout, observed)
+        return connection.wait_until(
+            is_over, what, None if timeout is None else self.time() + timeout, observed
+        )
 
     def wake(self) -> None:
         """Have ``wait_until()`` look again; from any thread, at any time."""
         self._wakes.wake()
 
     def shielded(self) -> AbstractContextManager[None]:
-        """A block whose waits no kill and no end of the module cuts short: for what must be done to leave things safe.
-        ``cancelled`` still tells.
+        """A block whose waits no kill and no end of the module cuts short: for what must be done to
+        leave things safe. ``cancelled`` still tells.
         """
         return self._own_connection().session.open_deliveries.shielded()
 
     def reply_later(self) -> LaterReply[Any]:
-        """Let somebody else reply: return this from the handler, which is then done; the message is not.
+        """Let somebody else reply: return this from the handler, which is then done; the message is
+        not.
 
         ::
 
@@ -212,12 +233,14 @@ class Task(Sender, SteerableTask, ReportingTask):
         connection.catch_up()
         delivery, message = self._delivery, self._message
         return connection.session.open_deliveries.state_of(
-            self.delivery, lambda one: ServerState(connection, delivery, one, message, accepts=self._accepts)
+            self.delivery,
+            lambda one: ServerState(connection, delivery, one, message, accepts=self._accepts),
         )
 
     def check_sent(self) -> None:
-        """The handler is about to return: raises the error of a task that it has sent, if one is known. If a message
-        came directly, waits until central has spoken of all: it does not know whose they are.
+        """The handler is about to return: raises the error of a task that it has sent, if one is
+        known. If a message came directly, waits until central has spoken of all: it does not know
+        whose they are.
         """
         if self._link is not None:
             self._link.settle(self._origin, wait=self.delivery < 0)
@@ -234,13 +257,17 @@ class Task(Sender, SteerableTask, ReportingTask):
     def _own_connection(self) -> Connection:
         """The handler's connection, also if central was restarted and has forgotten the task."""
         if self._link is None:
-            raise MisuseError(f"{self} is used after its handler returned: send before it returns, or from the module")
+            raise MisuseError(
+                f"{self} is used after its handler returned: send before it returns, or from the module"
+            )
         self._link.check_thread(self, "handles it", FIND_IT)
         return self._link
 
     def _node(self) -> TaskId:
         if self._task_id == ROOT:
-            raise MisuseError(f"'{self.message}' is no task of the tree: only goals and commands are")
+            raise MisuseError(
+                f"'{self.message}' is no task of the tree: only goals and commands are"
+            )
         return self._task_id
 
     def _interval(self, interval: Interval) -> TaskInterval:

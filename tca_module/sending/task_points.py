@@ -1,4 +1,6 @@
-"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a constraint."""
+"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a
+constraint.
+"""
 
 from typing import NoReturn
 
@@ -14,8 +16,11 @@ class Order(Constraint, frozen=True):
     """A constraint that was written with ``<=``."""
 
     def __bool__(self) -> bool:
-        # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one only.
-        raise MisuseError(f"constraint {self} is neither true nor false: write a <= b <= c as two constraints")
+        # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one
+        # only.
+        raise MisuseError(
+            f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
+        )
 
 
 class LaterPoint:
@@ -32,7 +37,9 @@ class LaterPoint:
 
 
 class TaskPoint(Point, frozen=True):
-    """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is 2.5 s later."""
+    """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is
+    2.5 s later.
+    """
 
     def __add__(self, seconds: float) -> LaterPoint:
         check(f"{self} + seconds", SECONDS, seconds=seconds)
@@ -57,7 +64,10 @@ def _checked(point: Point) -> Point:
     return point
 
 
-_EDGES = {interval: (moment_of(interval, Edge.START), moment_of(interval, Edge.END)) for interval in Interval}
+_EDGES = {
+    interval: (moment_of(interval, Edge.START), moment_of(interval, Edge.END))
+    for interval in Interval
+}
 
 
 class TaskInterval:
@@ -94,4 +104,6 @@ class TaskIntervals:
 
 
 this = TaskIntervals(THIS)
-"""The task that the call will make: ``task.goal(REST, constraints=[leg.handling.end <= this.planning.start])``."""
+"""The task that the call will make: ``task.goal(REST, constraints=[leg.handling.end <=
+this.planning.start])``.
+"""

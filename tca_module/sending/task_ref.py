@@ -9,8 +9,21 @@ import msgspec
 
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, is_brief
-from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.following.followed_task import FollowedTask, NamedTask, decode_progress, life_cycle_of
+from tca_module.errors import (
+    NIL,
+    BadData,
+    CentralLost,
+    MisuseError,
+    TaskFailed,
+    TaskKilled,
+    Timeout,
+)
+from tca_module.following.followed_task import (
+    FollowedTask,
+    NamedTask,
+    decode_progress,
+    life_cycle_of,
+)
 from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import AttachmentRef, Recovery
@@ -46,7 +59,9 @@ class TaskInfo(NamedTuple):
     failure: str
     data: bytes
     outcome: str
-    """"" while it lives; of an ended one that is kept an ``Outcome``: "done", "done after a failure", ..."""
+    """"" while it lives; of an ended one that is kept an ``Outcome``: "done", "done after a
+    failure", ...
+    """
     result: bytes
     """The handler's result, or the failure's data, of an ended task."""
 
@@ -55,13 +70,17 @@ class TaskInfo(NamedTuple):
         """From a row of the answer of that central."""
         task = with_epoch(row["task"], epoch, numbered(row["message"], row["task"]))
         parent = with_epoch(row["parent"], epoch, numbered("task", row["parent"]))
-        return cls(task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:]))
+        return cls(
+            task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:])
+        )
 
 
 FIND_IT = "in other threads connect(), and use task(number) of that"
 """The remedy for a task that is used in a wrong thread."""
 
-_NO_RESULT = "an exception handler resolved it, so the task is done after a failure and has no result"
+_NO_RESULT = (
+    "an exception handler resolved it, so the task is done after a failure and has no result"
+)
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
@@ -71,10 +90,12 @@ def node_of(task: "TaskRef") -> TaskId:
 
 
 class SteerableTask(TaskIntervals, NamedTask):
-    """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look at its relatives.
+    """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look
+    at its relatives.
 
-    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
-    the task had ended. Promises for later (``on_termination``, ``keep``) raise Refused ("too late").
+    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
+    effect, False if the task had ended. Promises for later (``on_termination``, ``keep``) raise
+    Refused ("too late").
     """
 
     @property
@@ -82,31 +103,45 @@ class SteerableTask(TaskIntervals, NamedTask):
         """The task's number, as in the journal."""
         return self._task_id
 
-    # --- stopping --------------------------------------------------------------------------------------------------
+    # --- stopping ---------------------------------------------------------------------------------
 
-    def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
-        """End the task and everything under it: at once, *delay* seconds from now, or *after* a point. Another *scope*
-        ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
+    def kill(
+        self,
+        why: str = "",
+        *,
+        delay: float = 0,
+        after: Point | None = None,
+        scope: Scope = Scope.TASK,
+    ) -> bool:
+        """End the task and everything under it: at once, *delay* seconds from now, or *after* a
+        point. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN,
+        AFTER).
 
-        Running handlers are told and woken from their waits, but not interrupted. Returns False if the task had ended;
-        a killed task whose handler still runs has not.
+        Running handlers are told and woken from their waits, but not interrupted. Returns False if
+        the task had ended; a killed task whose handler still runs has not.
         """
         what = self._doing("killing")
         check(what, checks.TEXT, why=why)
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), "killing")
+        return self._steer(
+            headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), "killing"
+        )
 
     @overload
-    def on_termination(self, message: Goal[None] | Command[None, Any], data: None = None) -> None: ...
+    def on_termination(
+        self, message: Goal[None] | Command[None, Any], data: None = None
+    ) -> None: ...
     @overload
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D) -> None: ...
     def on_termination(self, message: Goal[Any] | Command[Any, Any], data: Any = None) -> None:
-        """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
+        """Send *message* if the task is killed after its start, to leave things safe (TDL: ON
+        TERMINATE).
 
-        It is sent at once and may run beside handlers that have yet to return, unless both share a resource of capacity
-        1. The tasks that follow wait for it. Raises Refused ("too late") if the task has ended.
+        It is sent at once and may run beside handlers that have yet to return, unless both share a
+        resource of capacity 1. The tasks that follow wait for it. Raises Refused ("too late") if
+        the task has ended.
         """
         check_class(message, Goal, Command, call="on_termination")
         body = message.encode_data(data)
@@ -115,9 +150,11 @@ class SteerableTask(TaskIntervals, NamedTask):
         self._connection().call(header, self._doing("on termination of"), body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
-        """Raise the failure "timeout" on the task if *point* (its end) is not reached within *seconds* from now.
+        """Raise the failure "timeout" on the task if *point* (its end) is not reached within
+        *seconds* from now.
 
-        Every deadline counts: a later one extends nothing. Returns False if the point's task had ended or been killed.
+        Every deadline counts: a later one extends nothing. Returns False if the point's task had
+            ended or been killed.
         """
         what = self._doing("a deadline of")
         check(what, checks.DURATION, seconds=seconds)
@@ -125,16 +162,22 @@ class SteerableTask(TaskIntervals, NamedTask):
         header = headers.Deadline(0, point or self.achieving.end, seconds, self._origin)
         return self._steer(header, "a deadline of")
 
-    # --- failures --------------------------------------------------------------------------------------------------
+    # --- failures ---------------------------------------------------------------------------------
 
     def fail(self, failure: FailureRaised) -> bool:
-        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running handler goes on.
-        Returns False if the task had ended or been killed.
+        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running
+        handler goes on. Returns False if the task had ended or been killed.
         """
         if not isinstance(failure, FailureRaised):
-            hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(data)"
+            hint = (
+                f"'{failure.name}' is only declared, call it"
+                if isinstance(failure, Failure)
+                else "COLLISION(data)"
+            )
             raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
-        header = headers.Raise(0, self._node(), failure.name, failure.text, failure.kinds, self._origin)
+        header = headers.Raise(
+            0, self._node(), failure.name, failure.text, failure.kinds, self._origin
+        )
         return self._steer(header, f"raising '{failure.name}' on", failure.body)
 
     @overload
@@ -142,39 +185,49 @@ class SteerableTask(TaskIntervals, NamedTask):
     @overload
     def retry(self, message: Message[D, Any], data: D) -> bool: ...
     def retry(self, message: Message[Any, Any] | None = None, data: Any = None) -> bool:
-        """Kill all under the task, except monitors of others, and handle it again, when that and the calling
-        exception handler have ended. With its *message* it gets new *data*. Returns False if the task had ended or been
-        killed.
+        """Kill all under the task, except monitors of others, and handle it again, when that and
+        the calling exception handler have ended. With its *message* it gets new *data*. Returns
+        False if the task had ended or been killed.
         """
         if message is not None:
             check_message(message)
         elif data is not None:
-            raise MisuseError(f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)")
+            raise MisuseError(
+                f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)"
+            )
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
         header = headers.Retry(0, self._node(), message is not None, self._origin)
         return self._steer(header, "a retry of", body)
 
-    # --- suspending ------------------------------------------------------------------------------------------------
+    # --- suspending -------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
-        """Start nothing more of the task and its subtasks. Handlers are told. False if the task had ended."""
+        """Start nothing more of the task and its subtasks. Handlers are told. False if the task had
+        ended.
+        """
         return self._steer(headers.Suspend(0, self._node(), origin=self._origin), "suspending")
 
     def resume(self) -> bool:
-        """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
-        return self._steer(headers.Suspend(0, self._node(), resume=True, origin=self._origin), "resuming")
+        """Let a suspended task go on; does no harm to one that was not. Returns False if the task
+        had ended.
+        """
+        return self._steer(
+            headers.Suspend(0, self._node(), resume=True, origin=self._origin), "resuming"
+        )
 
-    # --- kept tasks ------------------------------------------------------------------------------------------------
+    # --- kept tasks -------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), until ``release()``, until this
-        module leaves, or until the task above is forgotten: ``info()``, ``data()``, ``wait()`` and ``parent()`` still
-        answer, and ``kept()`` of the task above lists it. Its constraints and the tasks under it are not kept.
+        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), until
+        ``release()``, until this module leaves, or until the task above is forgotten: ``info()``,
+        ``data()``, ``wait()`` and ``parent()`` still answer, and ``kept()`` of the task above lists
+        it. Its constraints and the tasks under it are not kept.
 
-        At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
-        has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
+        At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too
+        late") if the task has ended. Beyond 64 MiB the oldest records are forgotten, with all under
+        them.
         """
         self._steer(headers.Keep(0, self._node(), origin=self._origin), "keeping")
 
@@ -186,7 +239,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         """The ended tasks under it that are kept, in the order of their ends."""
         return [handle for _, handle in self._relatives("kept", message)]
 
-    # --- relatives -------------------------------------------------------------------------------------------------
+    # --- relatives --------------------------------------------------------------------------------
 
     def info(self) -> TaskInfo | None:
         """The state of the task; None if it has ended and is not kept."""
@@ -197,7 +250,9 @@ class SteerableTask(TaskIntervals, NamedTask):
         check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
-            raise MisuseError(f"{self} has ended" if info is None else f"{self} is no '{message.name}'")
+            raise MisuseError(
+                f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
+            )
         return message.decode_data(info.data)
 
     def parent(self) -> "TaskRef | None":
@@ -223,7 +278,11 @@ class SteerableTask(TaskIntervals, NamedTask):
         name = message.name if isinstance(message, Message) else message or ""
         header = headers.Inspect(0, self._node(), relation, name)
         asked = _RELATIONS.get(relation, relation)
-        what = LateText(lambda: f"the question for the {f'{asked} of {self._in_words}' if self._node() else 'tasks'}")
+        what = LateText(
+            lambda: (
+                f"the question for the {f'{asked} of {self._in_words}' if self._node() else 'tasks'}"
+            )
+        )
         connection = self._connection()
         request = connection.answered(header, what)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
@@ -231,31 +290,40 @@ class SteerableTask(TaskIntervals, NamedTask):
             yield info, TaskRef(connection, info.message, info.id, self._origin)
 
     def _steer(self, header: headers.ToCentral, doing: str, body: bytes = b"") -> bool:
-        """Call central; whether that changed anything: else it answers with id 0. *doing* says what is done to it."""
+        """Call central; whether that changed anything: else it answers with id 0. *doing* says what
+        is done to it.
+        """
         return bool(self._connection().call(header, self._doing(doing), body))
 
 
 class TaskRef(SteerableTask, FollowedTask["Change"]):
-    """A task of the tree: wait for it, follow its state, give it a new goal, cancel, kill, suspend or retry it, raise a
-    failure on it, look at its relatives.
+    """A task of the tree: wait for it, follow its state, give it a new goal, cancel, kill, suspend
+    or retry it, raise a failure on it, look at its relatives.
 
-    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
-    the task had ended. Promises for later (``on_failure``, ``on_termination``, ``keep``) raise Refused ("too late").
+    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
+    effect, False if the task had ended. Promises for later (``on_failure``, ``on_termination``,
+    ``keep``) raise Refused ("too late").
     """
 
-    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
+    def __init__(
+        self, connection: Connection, message: str, task_id: TaskId, origin: int = 0
+    ) -> None:
         super().__init__(task_id)
         self._link = connection
         self.message = message
         self._origin = origin
-        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, once that has been waited for
+        self._end: tuple[headers.Answer, bytes] | None = (
+            None  # how it ended, once that has been waited for
+        )
 
     def __repr__(self) -> str:
         return numbered(self.message or "task", self.id)
 
     @property
     def id(self) -> TaskId:
-        """The task's number, as in the journal. Of a task that was just sent, waits until central has told it."""
+        """The task's number, as in the journal. Of a task that was just sent, waits until central
+        has told it.
+        """
         if isinstance(self._task_id, SentId):
             self._task_id = TaskId(self._task_id.known)
         return self._task_id
@@ -273,17 +341,19 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
     def _as_change(self, news: News) -> "Change":
         return Change(news, self, self._link.declared(self.message))
 
-    # --- its end ---------------------------------------------------------------------------------------------------
+    # --- its end ----------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None = None) -> Outcome:
         """Wait until the task has ended; its outcome. Raises Timeout.
 
-        ``Outcome.RESOLVED`` is *done after a failure*: an exception handler has resolved the failure.
+        ``Outcome.RESOLVED`` is *done after a failure*: an exception handler has resolved the
+        failure.
         """
         return self._ended(timeout)[0].outcome
 
     def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``. Raises Timeout.
+        """Wait until a point, of this task or another, is reached:
+        ``leg.wait_for(leg.handling.end)``. Raises Timeout.
 
         Returns the state of the point's task: a task that is killed reaches all its points at once.
         """
@@ -305,12 +375,17 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         if not is_over:
             why = self._connection().give_up(request)
             where = f": {why}" if why else ""
-            raise Timeout(f"{self._words_of(point)} was not reached within {timeout:g} s{where}", can_wait=True)
+            raise Timeout(
+                f"{self._words_of(point)} was not reached within {timeout:g} s{where}",
+                can_wait=True,
+            )
         return request.answers[-1]
 
     @contextmanager
     def _called_back(self) -> Iterator[None]:
-        """A wait in which a task of which central has said nothing yet is called back, if it can't be waited for."""
+        """A wait in which a task of which central has said nothing yet is called back, if it can't
+        be waited for.
+        """
         try:
             yield
         except CentralLost as error:
@@ -324,7 +399,9 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             fate = f"{task.what} {given_up.fate_of(self._link.session, task.request)}"
             raise CentralLost(f"{error}; {fate}") from None
 
-    def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:
+    def _ask(
+        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
+    ) -> Request:
         """Ask to be told when a point is reached."""
         check(self._doing("the wait for"), checks.POINT, point=point)
         header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
@@ -336,13 +413,17 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             return f"{describe_moments(point.moment)[0]} of {point.task.what}"
         return f"{point} ('{self.message}')" if point.task == self._node() else str(point)
 
-    # --- failures --------------------------------------------------------------------------------------------------
+    # --- failures ---------------------------------------------------------------------------------
 
     def on_failure(
-        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+        self,
+        failure: Failure[Any] | None,
+        handler: ExceptionHandler[Any],
+        *,
+        maximum: int | None = None,
     ) -> AttachmentRef:
-        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
-        number); see ``on_failure`` of Sender.
+        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most
+        *maximum* times (None: any number); see ``on_failure`` of Sender.
         """
         wanted = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
@@ -359,7 +440,9 @@ class Change:
         self.task = task
         self.message = change.message  #: its name
         self.serial = change.serial  #: the number of changes of this task, this one included
-        self.state = change.state  #: the task's, from now on; "" if it ended while nobody here heard central
+        self.state = (
+            change.state
+        )  #: the task's, from now on; "" if it ended while nobody here heard central
         self.transition = change.transition  #: by which it came to that; "" if *is_late*
         self.by = change.by  #: client, server or central
         self.module = change.module  #: the client's or server's
@@ -381,8 +464,8 @@ class Change:
 
     @cached_property
     def data(self) -> Any:
-        """What came with it: the goal that a client asks for, an intermediate result (the newest, if *is_late*), the
-        result, or the data of the failure. None if nothing did.
+        """What came with it: the goal that a client asks for, an intermediate result (the newest,
+        if *is_late*), the result, or the data of the failure. None if nothing did.
         """
         data, message = self._news.change.data, self._message
         if is_progress(self._news):
@@ -390,10 +473,18 @@ class Change:
         if not self.is_over:
             return self._goal_of(data)
         is_result = message is not None and self.state == life_cycle_of(message).done
-        return message.decode_reply(data) if message is not None and is_result and data else decode_untyped(data)
+        return (
+            message.decode_reply(data)
+            if message is not None and is_result and data
+            else decode_untyped(data)
+        )
 
     def _goal_of(self, data: bytes) -> Any:
-        return self._message.decode_data(data) if self._message is not None and data else decode_untyped(data)
+        return (
+            self._message.decode_data(data)
+            if self._message is not None and data
+            else decode_untyped(data)
+        )
 
 
 def change_of(connection: Connection, news: News, origin: int = 0) -> Change:
@@ -405,18 +496,22 @@ def change_of(connection: Connection, news: News, origin: int = 0) -> Change:
 class SentTask(TaskRef, Generic[R]):
     """A task that was sent. Its points, such as ``sent.achieving.end``, are for constraints.
 
-    In an async handler ``await sent`` gives what ``sent.result()`` does; ``asyncio.timeout`` limits the wait.
+    In an async handler ``await sent`` gives what ``sent.result()`` does; ``asyncio.timeout`` limits
+    the wait.
     """
 
-    def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
+    def __init__(
+        self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int
+    ) -> None:
         super().__init__(connection, message.name, task_id, origin)
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s.
+        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after
+        *timeout* s.
 
-        A task that is done after a failure has none. Then this returns None, or raises TaskFailed if its message
-        declares a result.
+        A task that is done after a failure has none. Then this returns None, or raises TaskFailed
+        if its message declares a result.
         """
         is_new = self._end is None
         answer, body = self._ended(timeout)
@@ -441,7 +536,11 @@ class SentTask(TaskRef, Generic[R]):
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
-        if answer.outcome is Outcome.RESOLVED and not body and self._message.reply.kind is not type(None):
+        if (
+            answer.outcome is Outcome.RESOLVED
+            and not body
+            and self._message.reply.kind is not type(None)
+        ):
             first, newline, rest = answer.text.partition("\n")
             text = (f"{first} ({_NO_RESULT})" if first else _NO_RESULT) + newline + rest
             raise TaskFailed(repr(self), answer.failure, text, b"")

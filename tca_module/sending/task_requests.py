@@ -1,7 +1,9 @@
-"""The state of a task as those who work on it know it, and what clients ask of that: a new goal, the task's end.
+"""The state of a task as those who work on it know it, and what clients ask of that: a new goal,
+the task's end.
 
-The table of its life cycle says what the handler may do; what it may not is refused here, as far as the handler has
-looked at what clients have asked for. Where they were faster central decides (tca_central/life_cycles).
+The table of its life cycle says what the handler may do; what it may not is refused here, as far as
+the handler has looked at what clients have asked for. Where they were faster central decides
+(tca_central/life_cycles).
 """
 
 import threading
@@ -26,11 +28,13 @@ from tca_wire.vocabulary import Party
 
 
 class TaskRequest:
-    """A client has taken a transition of the task, such as "update" or "cancel": accept or reject it. It is open until
-    then, or until another one overtakes it.
+    """A client has taken a transition of the task, such as "update" or "cancel": accept or reject
+    it. It is open until then, or until another one overtakes it.
     """
 
-    def __init__(self, served: "ServerState", row: Transition, header: Requested, goal: Any) -> None:
+    def __init__(
+        self, served: "ServerState", row: Transition, header: Requested, goal: Any
+    ) -> None:
         self.transition = header.transition
         self.goal = goal  #: the new one, of an update; else None
         self.why = header.text  #: the client's reason
@@ -48,16 +52,18 @@ class TaskRequest:
         return self._served.is_open(self)
 
     def accept(self, goal: Any = None) -> bool:
-        """Grant it: the new goal is the task's, or the task ends as cancelled, and its handler should return. Returns
-        False if another request has overtaken it.
+        """Grant it: the new goal is the task's, or the task ends as cancelled, and its handler
+        should return. Returns False if another request has overtaken it.
 
-        With *goal* that one is the task's, in place of the one asked for: where an update names only what changes.
-        Raises BadData if it is no data of the task.
+        With *goal* that one is the task's, in place of the one asked for: where an update names
+        only what changes. Raises BadData if it is no data of the task.
         """
         return self._served.accept(self, goal)
 
     def reject(self, why: str = "") -> bool:
-        """Refuse it: the task goes on as it was, and the client is told why. Returns what ``accept`` does."""
+        """Refuse it: the task goes on as it was, and the client is told why. Returns what
+        ``accept`` does.
+        """
         return self._served.reject(self, why)
 
 
@@ -65,12 +71,20 @@ class ServerState:
     """The state of a task that is being handled; from any thread."""
 
     def __init__(
-        self, connection: Connection, delivery: Deliver, one: OpenDelivery, message: Message[Any, Any], *, accepts: bool
-    ) -> None:  # fmt: skip
+        self,
+        connection: Connection,
+        delivery: Deliver,
+        one: OpenDelivery,
+        message: Message[Any, Any],
+        *,
+        accepts: bool,
+    ) -> None:
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
         self.is_conversing = False  #: a Server has methods for requests: no wait gives them
-        self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None  #: refers to what hears of the stop
+        self.on_stop: Callable[[], Callable[[], object] | None] = lambda: (
+            None
+        )  #: refers to what hears of the stop
         self._is_begun_by_refusal = False
         self._serial = 0  # the newest that a client's transition had
         self._open: list[TaskRequest] = []  # oldest first
@@ -82,8 +96,12 @@ class ServerState:
         self._task = with_epoch(delivery.task, epoch, self._what)
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
-        self._awaited = Request(Observe(0), b"", wants_answer=True)  # stands for what clients may ask of it
-        self._awaited.path = self  # so no deadlock is seen in a wait for it: clients may come from outside
+        self._awaited = Request(
+            Observe(0), b"", wants_answer=True
+        )  # stands for what clients may ask of it
+        self._awaited.path = (
+            self  # so no deadlock is seen in a wait for it: clients may come from outside
+        )
         one.on_request += (self._wake,)
 
     def __repr__(self) -> str:
@@ -96,7 +114,7 @@ class ServerState:
         if self._awaited.wakes is not None:
             self._awaited.wakes()
 
-    # --- what clients ask for ----------------------------------------------------------------------------------------
+    # --- what clients ask for ---------------------------------------------------------------------
 
     @property
     def state(self) -> str:
@@ -155,7 +173,9 @@ class ServerState:
         rows = (one for one in cycle.transitions if one.name == header.transition)
         row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
         self._state = row.target
-        self._open = [one for one in self._open if not self._wants_answer(one)]  # it overtakes those
+        self._open = [
+            one for one in self._open if not self._wants_answer(one)
+        ]  # it overtakes those
         try:
             goal = self._message.decode_data(body) if body else None
         except BadData as error:  # of a program that does not use this library
@@ -192,16 +212,20 @@ class ServerState:
                 return False
             row = self.life_cycle.refusal(self._state)
             if row is None:
-                raise MisuseError(f"{request} can't be rejected: {self.life_cycle} has no transition for that")
+                raise MisuseError(
+                    f"{request} can't be rejected: {self.life_cycle} has no transition for that"
+                )
             self._open.remove(request)
             self._is_begun_by_refusal = request.row.source == self.life_cycle.initial
             self._take(row, why)
             return True
 
-    # --- what the handler does ---------------------------------------------------------------------------------------
+    # --- what the handler does --------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Accept the task, unless it is begun because a cancel that came before that was refused."""
+        """Accept the task, unless it is begun because a cancel that came before that was
+        refused.
+        """
         with self._lock:
             if not self._is_begun_by_refusal:
                 self.take(self.life_cycle.accepted.name)
@@ -215,7 +239,9 @@ class ServerState:
             if row is None:
                 raise MisuseError(self._not_now(name))
             if cycle.is_over(row.target) and row.effect is not Effect.STOP:
-                raise MisuseError(f"'{name}' ends {self}: its handler returns, or raises a failure, instead")
+                raise MisuseError(
+                    f"'{name}' ends {self}: its handler returns, or raises a failure, instead"
+                )
             if row.effect is not Effect.RESULT:
                 self._open = [one for one in self._open if not self._wants_answer(one)]
             self._take(row, why, body)
@@ -239,7 +265,9 @@ class ServerState:
                 return
             rows = [row for row in self.life_cycle.transitions if row.effect is Effect.RESULT]
             if not rows:
-                raise MisuseError(f"{self} can't report(): {self.life_cycle} has no transition for results")
+                raise MisuseError(
+                    f"{self} can't report(): {self.life_cycle} has no transition for results"
+                )
             row = self._row_with(Effect.RESULT) or rows[0]
             self.take(row.name, body=body)
 
@@ -249,12 +277,18 @@ class ServerState:
             self._look()
             row = self._row_with(Effect.STOP)
             if row is None:
-                raise MisuseError(f"{self} is '{self._state}', and nobody has asked for its end: return, or fail")
+                raise MisuseError(
+                    f"{self} is '{self._state}', and nobody has asked for its end: return, or fail"
+                )
             self._open.clear()
             self._take(row, why)
 
     def _row_with(self, effect: Effect) -> Transition | None:
-        rows = (row for row in self.life_cycle.transitions if row.source == self._state and row.effect is effect)
+        rows = (
+            row
+            for row in self.life_cycle.transitions
+            if row.source == self._state and row.effect is effect
+        )
         return next(rows, None)
 
     def _take(self, row: Transition, why: str = "", body: bytes = b"") -> None:
@@ -275,7 +309,7 @@ class ServerState:
         except CentralLost as error:
             self._connection.log.warning("%s", error)
 
-    # --- waiting -----------------------------------------------------------------------------------------------------
+    # --- waiting ----------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None) -> TaskRequest | None:
         """The next request that no wait has given yet; None after so many seconds."""
@@ -287,7 +321,9 @@ class ServerState:
 
     async def come(self) -> TaskRequest:
         """The same in a coroutine, without end."""
-        waiting = self._connection.until_over(self._awaited, f"a request to {self}", lambda: self.has_new)
+        waiting = self._connection.until_over(
+            self._awaited, f"a request to {self}", lambda: self.has_new
+        )
         await awaited(waiting)
         found = self.take_new()
         assert found is not None
@@ -309,30 +345,36 @@ class ReportingTask:
         return self._served().state
 
     def accept(self) -> None:
-        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early cancel was rejected,
-        that has begun it, and this says nothing more.
+        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early
+        cancel was rejected, that has begun it, and this says nothing more.
         """
         self._served().begin()
 
     def report(self, data: Any = None) -> None:
-        """Tell those who follow the task of an intermediate result, of the type *progress* of its message. Does not
-        wait. Raises BadData.
+        """Tell those who follow the task of an intermediate result, of the type *progress* of its
+        message. Does not wait. Raises BadData.
         """
         message = self._message
         if not isinstance(message, TaskMessage):
-            raise MisuseError(f"{self} can't report(): only goals and commands have intermediate results")
+            raise MisuseError(
+                f"{self} can't report(): only goals and commands have intermediate results"
+            )
         served = self._served()
         if data is not None and message.progress.kind is type(None):
-            raise MisuseError(f"{message.title} is declared without progress=, and report() was given {data!r:.60}")
+            raise MisuseError(
+                f"{message.title} is declared without progress=, and report() was given {data!r:.60}"
+            )
         try:
             body = message.progress.encode(data)
         except BadData as error:
-            raise BadData(f"the intermediate results of {message.title} are {message.progress}: {error}") from None
+            raise BadData(
+                f"the intermediate results of {message.title} are {message.progress}: {error}"
+            ) from None
         served.report(body)
 
     def take(self, transition: str, why: str = "") -> None:
-        """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises MisuseError for one
-        that is no server's, or not possible in the task's state.
+        """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises
+        MisuseError for one that is no server's, or not possible in the task's state.
         """
         check(f"take() of {self}", NAME, transition=transition)
         check(f"'{transition}' of {self}", TEXT, why=why)
@@ -340,15 +382,15 @@ class ReportingTask:
 
     @property
     def request(self) -> TaskRequest | None:
-        """The oldest open request of a client, if there is one: for handlers that say in ``takes=`` what they hear.
-        Never waits.
+        """The oldest open request of a client, if there is one: for handlers that say in ``takes=``
+        what they hear. Never waits.
         """
         return self._served().oldest
 
 
 class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
-    """What clients ask of a task, each once: ``for`` waits for each, in async handlers ``async for``. The task's end,
-    and that of the module, raise TaskKilled and Stopped, or CancelledError.
+    """What clients ask of a task, each once: ``for`` waits for each, in async handlers ``async
+    for``. The task's end, and that of the module, raise TaskKilled and Stopped, or CancelledError.
     """
 
     def __init__(self, served: ServerState) -> None:

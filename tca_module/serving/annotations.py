@@ -11,8 +11,8 @@ from tca_wire.messages.formats import type_name
 
 
 def check_annotation(name: str, function: Callable[..., Any], message: Message[Any, Any]) -> None:
-    """Raise MisuseError if a handler's data are annotated with a type that they never have. What can't be told, such as
-    a type that is imported for type checkers only, passes.
+    """Raise MisuseError if a handler's data are annotated with a type that they never have. What
+    can't be told, such as a type that is imported for type checkers only, passes.
     """
     try:
         parameter = list(inspect.signature(function).parameters)[1]
@@ -26,7 +26,9 @@ def check_annotation(name: str, function: Callable[..., Any], message: Message[A
 
 
 def _may_be(kind: Any, hint: Any) -> bool:
-    """Whether a value of type *kind* may be one of type *hint*: False only where that is certain."""
+    """Whether a value of type *kind* may be one of type *hint*: False only where that is
+    certain.
+    """
     return all(any(_is_like(one, other) for other in _members(hint)) for one in _members(kind))
 
 
@@ -49,6 +51,8 @@ def _is_class_of(kind: Any, hint: Any) -> bool:
     if not (isinstance(kind, type) and isinstance(hint, type)) or inspect.isabstract(kind):
         return True
     try:
-        return issubclass(kind, hint) or (hint in (float, complex) and issubclass(kind, int | float))
+        return issubclass(kind, hint) or (
+            hint in (float, complex) and issubclass(kind, int | float)
+        )
     except TypeError:  # of a Protocol, for example
         return True

@@ -1,4 +1,6 @@
-"""Functions that a module's thread calls between messages: at a time, or when a file has something to read."""
+"""Functions that a module's thread calls between messages: at a time, or when a file has something
+to read.
+"""
 
 import math
 import threading
@@ -33,7 +35,9 @@ ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], obje
 
 
 class DueTime:
-    """When something is due: once, or at multiples of a period, whatever was missed. Times are passed in."""
+    """When something is due: once, or at multiples of a period, whatever was missed. Times are
+    passed in.
+    """
 
     def __init__(self, seconds: float, *, is_once: bool) -> None:
         self.due = math.inf  #: it is not before ``begin``, nor while it is done
@@ -53,11 +57,13 @@ class DueTime:
 
 
 class Callback(Sender):
-    """A function that is called between messages, and a Sender for it: under the root. Sends only from inside the
-    function; ``cancel`` works from anywhere.
+    """A function that is called between messages, and a Sender for it: under the root. Sends only
+    from inside the function; ``cancel`` works from anywhere.
     """
 
-    def __init__(self, owner: "Callbacks", function: Callable[..., object], when: DueTime | None = None) -> None:
+    def __init__(
+        self, owner: "Callbacks", function: Callable[..., object], when: DueTime | None = None
+    ) -> None:
         super().__init__()
         self.name = getattr(function, "__qualname__", repr(function))
         self.function = function
@@ -84,7 +90,9 @@ class Callback(Sender):
 
 
 class Callbacks:
-    """The callbacks of one thread, called in the order they came due. The next thread starts their times anew."""
+    """The callbacks of one thread, called in the order they came due. The next thread starts their
+    times anew.
+    """
 
     def __init__(self, module: str) -> None:
         self.connection: Connection | None = None  #: of the thread that calls them
@@ -121,9 +129,14 @@ class Callbacks:
             self.files[file] = callback
             return self._add(callback)
 
-    def observe(self, message: Message[Any, Any] | None, states: Collection[str], function: ObservingFunction) -> None:
-        """Call a function with changes of tasks' states, whoever sends and handles them, from the thread's beginning
-        on.
+    def observe(
+        self,
+        message: Message[Any, Any] | None,
+        states: Collection[str],
+        function: ObservingFunction,
+    ) -> None:
+        """Call a function with changes of tasks' states, whoever sends and handles them, from the
+        thread's beginning on.
         """
         check_function("observes()", function, "(sender, change) or (change)", (2, 1))
         wanted = checked_states("observes()", message, states)
@@ -179,7 +192,9 @@ class Callbacks:
         """The wait is over: these files can be read, or (False) are closed."""
         with self._lock:
             now = self._transport.time()
-            due = [(time.due, callback) for callback, time in self._times().items() if time.due <= now]
+            due = [
+                (time.due, callback) for callback, time in self._times().items() if time.due <= now
+            ]
             for _, callback in sorted(due, key=itemgetter(0)):
                 self._due.append(callback)
                 if callback.when is not None:
@@ -200,20 +215,27 @@ class Callbacks:
         if callback in self and self.connection is not None:
             if callback.when is not None and callback.when.is_once:
                 self.remove(callback)
-            self.connection.call_back(partial(callback.function, *(callback,)[: callback.arguments]), callback)
+            self.connection.call_back(
+                partial(callback.function, *(callback,)[: callback.arguments]), callback
+            )
             if callback.when is not None:
                 callback.when.was_done(self._transport.time())
         return True
 
 
 def _observe(
-    message: Message[Any, Any] | None, header: Observe, function: ObservingFunction, connection: Connection
+    message: Message[Any, Any] | None,
+    header: Observe,
+    function: ObservingFunction,
+    connection: Connection,
 ) -> None:
     """Have the thread of a connection call *function* from now on. Raises what ``declare`` does."""
     if message is not None:
         connection.declare(message)
     what = f"observing '{message.name}'" if message is not None else "observing all tasks"
-    callback = ChangeCallback("observes()", connection, function, lambda news: change_of(connection, news))
+    callback = ChangeCallback(
+        "observes()", connection, function, lambda news: change_of(connection, news)
+    )
     Observation(connection, header, what).call(callback.put)
 
 

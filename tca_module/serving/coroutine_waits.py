@@ -1,9 +1,10 @@
 """Tells central which answers a coroutine waits for, so that circles through ``await`` are seen.
 
-A handler *stands* when each of its asyncio tasks is suspended in an ``await`` of something of central's, or in one of
-asyncio's for others of these tasks alone. Then only central's answers let it go on, and central may treat it as waiting
-for the first of them; it is told when the handler has stood for a second. Anything else awaited, a timer or a device,
-may bring it on by itself: then central is told nothing.
+A handler *stands* when each of its asyncio tasks is suspended in an ``await`` of something of
+central's, or in one of asyncio's for others of these tasks alone. Then only central's answers let
+it go on, and central may treat it as waiting for the first of them; it is told when the handler has
+stood for a second. Anything else awaited, a timer or a device, may bring it on by itself: then
+central is told nothing.
 """
 
 import asyncio
@@ -31,17 +32,25 @@ _Standing = tuple[int, ...]
 class CoroutineWaits:
     """The asyncio tasks of the handlers of one event loop, and what they await."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, connection: Connection, on_change: Callable[[], None]
+    ) -> None:
         """*on_change* is called when a handler goes on of which central was told that it stands."""
         self._on_change = on_change
         self._connection = connection
         self._loop = loop
-        self._begun: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}  #: by handler: all begun in it
-        self._suspended: WeakKeyDictionary[asyncio.Task[Any], tuple[Request, asyncio.Future[None]]] = (
-            WeakKeyDictionary()
-        )  #: those in an await of central's
-        self._seen: dict[OpenDelivery, tuple[_Standing, float]] = {}  #: the requests that each stands at, since when
-        self._told: dict[OpenDelivery, int] = {}  #: central takes them to stand -> breaks of the connection before
+        self._begun: dict[
+            OpenDelivery, WeakSet[asyncio.Task[Any]]
+        ] = {}  #: by handler: all begun in it
+        self._suspended: WeakKeyDictionary[
+            asyncio.Task[Any], tuple[Request, asyncio.Future[None]]
+        ] = WeakKeyDictionary()  #: those in an await of central's
+        self._seen: dict[
+            OpenDelivery, tuple[_Standing, float]
+        ] = {}  #: the requests that each stands at, since when
+        self._told: dict[
+            OpenDelivery, int
+        ] = {}  #: central takes them to stand -> breaks of the connection before
         self._factory = self._make
         loop.set_task_factory(self._factory)
 
@@ -79,8 +88,8 @@ class CoroutineWaits:
             self._suspended.pop(task, None)
 
     def look(self, now: float) -> bool:
-        """Tell central of handlers that have stood for a while. To be called from time to time; False: once something
-        has changed.
+        """Tell central of handlers that have stood for a while. To be called from time to time;
+        False: once something has changed.
         """
         session = self._connection.session
         for handler in list(self._begun):
@@ -89,7 +98,11 @@ class CoroutineWaits:
             if standing != before or not standing:
                 self._seen[handler] = standing, now
                 self._goes_on(handler)
-            elif now - since >= BRIEF and session.is_welcome and self._told.get(handler) != session.breaks:
+            elif (
+                now - since >= BRIEF
+                and session.is_welcome
+                and self._told.get(handler) != session.breaks
+            ):
                 self._told[handler] = session.breaks
                 self._tell(handler, standing)
         return any(self._told.get(handler) != session.breaks for handler in self._begun)
@@ -128,7 +141,9 @@ class CoroutineWaits:
 
 
 def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; none if for anything else."""
+    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; none if for
+    anything else.
+    """
     future = getattr(task, "_fut_waiter", None)
     if future is None or future.done():
         return ()
@@ -150,6 +165,8 @@ def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
     known = inner.cr_frame.f_locals
     if inner.cr_code.co_name == "_wait" and known.get("timeout_handle") is None:
         return tuple(known.get("fs", ()))
-    if inner.cr_code.co_name in ("__aexit__", "_aexit") and isinstance(known.get("self"), asyncio.TaskGroup):
+    if inner.cr_code.co_name in ("__aexit__", "_aexit") and isinstance(
+        known.get("self"), asyncio.TaskGroup
+    ):
         return tuple(getattr(known["self"], "_tasks", ()))
     return ()

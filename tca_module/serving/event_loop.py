@@ -1,7 +1,8 @@
-"""The asyncio event loop of one slot: runs its ``async def`` handlers, and listens to central while they await.
+"""The asyncio event loop of one slot: runs its ``async def`` handlers, and listens to central while
+they await.
 
-The loop turns while a coroutine is handled, and while the slot is idle, for tasks that handlers have started. It does
-not turn while a plain handler or a callback runs.
+The loop turns while a coroutine is handled, and while the slot is idle, for tasks that handlers
+have started. It does not turn while a plain handler or a callback runs.
 """
 
 import asyncio
@@ -26,11 +27,15 @@ from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
 
-_CALM = 1.0  # seconds between two looks at central while nothing but its answers can change anything
+_CALM = (
+    1.0  # seconds between two looks at central while nothing but its answers can change anything
+)
 
 
 class EventLoop:
-    """An event loop that also hears central. *attend* gets the queries that the slot sends to itself."""
+    """An event loop that also hears central. *attend* gets the queries that the slot sends to
+    itself.
+    """
 
     def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
         self._connection = connection
@@ -40,12 +45,20 @@ class EventLoop:
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
         self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
-        self._is_flushing = False  #: something is to be sent when all who can go on now have done so
-        self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
-        self._ended: list[OpenDelivery] = []  #: the handlers that are done since the loop turned last
+        self._is_flushing = (
+            False  #: something is to be sent when all who can go on now have done so
+        )
+        self._fatal: BaseException | None = (
+            None  #: an exception of a handler that is to end the module
+        )
+        self._ended: list[
+            OpenDelivery
+        ] = []  #: the handlers that are done since the loop turned last
         self._has_warned: set[str] = set()  #: of these handlers
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
-        self._selector = selector = _Selector(files[0], self._has_news, connection.transport, self._check_turn)
+        self._selector = selector = _Selector(
+            files[0], self._has_news, connection.transport, self._check_turn
+        )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
         self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
@@ -70,7 +83,9 @@ class EventLoop:
             self._beat = None
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
-        """Run until a future is done. Raises also the error of a handler beside it, which asyncio would only keep."""
+        """Run until a future is done. Raises also the error of a handler beside it, which asyncio
+        would only keep.
+        """
         self._selector.turned = time.monotonic()
         try:
             return self._loop.run_until_complete(future)
@@ -89,21 +104,31 @@ class EventLoop:
     def _is_done(self, delivery: OpenDelivery, task: asyncio.Task[Any]) -> None:
         self._handled.pop(delivery, None)
         self._ended.append(delivery)
-        if not task.cancelled() and (error := task.exception()) is not None and not self._is_closing:
+        if (
+            not task.cancelled()
+            and (error := task.exception()) is not None
+            and not self._is_closing
+        ):
             self._fatal = error
             self._loop.stop()
 
     def _check_turn(self) -> None:
-        """Warn of handlers that have kept the loop from turning: nothing else in the slot went on meanwhile."""
+        """Warn of handlers that have kept the loop from turning: nothing else in the slot went on
+        meanwhile.
+        """
         now, ended = time.monotonic(), self._ended
         seconds, self._selector.turned, self._ended = now - self._selector.turned, now, []
         if seconds < BRIEF:
             return
-        names = " or ".join(sorted({one.name.partition(" {")[0] for one in (*self._handled, *ended)}))
+        names = " or ".join(
+            sorted({one.name.partition(" {")[0] for one in (*self._handled, *ended)})
+        )
         if names and names not in self._has_warned:
             self._has_warned.add(names)
             text = f"the async handler of {names} has blocked its event loop for {seconds:.1f} s: await what takes time"
-            self._connection.log.warning("%s, such as task.sleep(), asyncio.to_thread() or query_send()", text)
+            self._connection.log.warning(
+                "%s, such as task.sleep(), asyncio.to_thread() or query_send()", text
+            )
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
         """Turn until something has come, as ``transport.wait``."""
@@ -126,13 +151,17 @@ class EventLoop:
     def close(self) -> None:
         """Cancel what still runs, and end."""
         self._is_closing = True
-        self._loop.call_soon(self._loop.stop)  # if an error stopped it, a stop of its last run may be left over
+        self._loop.call_soon(
+            self._loop.stop
+        )  # if an error stopped it, a stop of its last run may be left over
         self._loop.run_forever()
         self._runner.close()
         self._connection.await_news = self._connection.await_moment = None
 
     def _has_news(self) -> bool:
-        """Whether there is something to do that no file tells of: a blocking call may have read it."""
+        """Whether there is something to do that no file tells of: a blocking call may have read
+        it.
+        """
         connection = self._connection
         return (
             connection.transport.has_arrived()
@@ -196,7 +225,9 @@ class EventLoop:
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
         request.wakes = partial(self._heard, request)
-        if self._connection.session.outgoing and not self._is_flushing:  # what others await now goes with it
+        if (
+            self._connection.session.outgoing and not self._is_flushing
+        ):  # what others await now goes with it
             self._is_flushing = True
             self._loop.call_soon(self._flush)
         with self._awaiting.suspended(request, future):
@@ -215,12 +246,16 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while there is other news, and then reports *file* as readable. The sleeps of
-    coroutines end here, on the clock of handlers: the one that a test may step.
+    """A selector that does not wait while there is other news, and then reports *file* as readable.
+    The sleeps of coroutines end here, on the clock of handlers: the one that a test may step.
     """
 
     def __init__(
-        self, file: int, has_news: Callable[[], bool], transport: Transport, on_turn: Callable[[], None]
+        self,
+        file: int,
+        has_news: Callable[[], bool],
+        transport: Transport,
+        on_turn: Callable[[], None],
     ) -> None:
         super().__init__()
         self.turned = time.monotonic()  #: when the loop turned last
@@ -255,5 +290,11 @@ class _Selector(selectors.DefaultSelector):
             del self._sleeping[future]
 
     def _until_next(self) -> float:
-        """The real seconds to the next moment: for ever, if a test steps the clock, which ends the wait."""
-        return self._transport.seconds_until(min(self._sleeping.values())) if self._sleeping else math.inf
+        """The real seconds to the next moment: for ever, if a test steps the clock, which ends the
+        wait.
+        """
+        return (
+            self._transport.seconds_until(min(self._sleeping.values()))
+            if self._sleeping
+            else math.inf
+        )

@@ -18,7 +18,10 @@ WhenBusy = Literal["queue", "preempt", "reject"]
 BUSY = checks.one_of("'queue', 'preempt' or 'reject'", Busy)
 _TRANSITIONS = ArgumentKind(
     "a list of transitions, such as ['update', 'cancel']",
-    lambda value: isinstance(value, list | tuple | set | frozenset) and all(isinstance(one, str) for one in value),
+    lambda value: (
+        isinstance(value, list | tuple | set | frozenset)
+        and all(isinstance(one, str) for one in value)
+    ),
 )
 
 
@@ -28,16 +31,19 @@ class HandlerOptions(TypedDict, total=False):
     Args:
         resource: the resource that handles it. Default: None, the module's own.
         pool: modules that name the same pool share the messages. Default: None.
-        pending: the most messages that wait for this handler. One more displaces the oldest: an inform or broadcast is
-            dropped, a query fails with "overload", a goal or command is killed. Default: None, no bound.
-        direct: this inform or query may come straight from its senders: faster, but without priority, and in the
-            journal without data. It goes through central while a wiretap or another handler wants it.
-        accepts: the handler calls ``task.accept()`` itself. Default: False, it has accepted when it gets the task.
-        takes: the clients' requests that the handler decides about, such as ["update", "cancel"]. Without it an update
-            lets the task begin again with the new goal, and a cancel kills it.
+        pending: the most messages that wait for this handler. One more displaces the oldest: an
+            inform or broadcast is dropped, a query fails with "overload", a goal or command is
+            killed. Default: None, no bound.
+        direct: this inform or query may come straight from its senders: faster, but without
+            priority, and in the journal without data. It goes through central while a wiretap or
+            another handler wants it.
+        accepts: the handler calls ``task.accept()`` itself. Default: False, it has accepted when it
+            gets the task.
+        takes: the clients' requests that the handler decides about, such as ["update", "cancel"].
+            Without it an update lets the task begin again with the new goal, and a cancel kills it.
         refuses: the clients' requests that are refused in its name.
-        when_busy: the fate of a task that would have to wait: "queue" (it waits), "preempt" (the others are cancelled)
-            or "reject". Default: None, as its resource says.
+        when_busy: the fate of a task that would have to wait: "queue" (it waits), "preempt" (the
+            others are cancelled) or "reject". Default: None, as its resource says.
     """
 
     resource: Annotated[str | None, checks.NAME_OR_NONE]
@@ -65,30 +71,47 @@ class ResourcePlan(NamedTuple):
 
 
 def checked_format(
-    message: Message[Any, Any], options: HandlerOptions, own: str, resources: Mapping[str, ResourcePlan]
+    message: Message[Any, Any],
+    options: HandlerOptions,
+    own: str,
+    resources: Mapping[str, ResourcePlan],
 ) -> HandlerFormat:
-    """A handler as central is told of it; *own* is its module's resource. Raises MisuseError for options with which the
-    message can't be handled.
+    """A handler as central is told of it; *own* is its module's resource. Raises MisuseError for
+    options with which the message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, HandlerOptions)
     _check(message, options.get("pending"), direct=options.get("direct", False))
     _check_transitions(message, options)
     resource = options.get("resource") or own
-    when_busy = resources.get(resource, ResourcePlan()).when_busy if message.message_class.is_task else "queue"
+    when_busy = (
+        resources.get(resource, ResourcePlan()).when_busy
+        if message.message_class.is_task
+        else "queue"
+    )
     return HandlerFormat(
-        message.name, resource, options.get("pool") or "", options.get("pending") or 0, options.get("direct", False),
-        options.get("accepts", False), sorted(options.get("takes", ())), sorted(options.get("refuses", ())),
+        message.name,
+        resource,
+        options.get("pool") or "",
+        options.get("pending") or 0,
+        options.get("direct", False),
+        options.get("accepts", False),
+        sorted(options.get("takes", ())),
+        sorted(options.get("refuses", ())),
         Busy(options.get("when_busy") or when_busy),
-    )  # fmt: skip
+    )
 
 
 def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
     what = message.title
     if isinstance(message, Monitor):
-        raise MisuseError(f"{what} can't be handled: central carries it out; handle the messages that it sends")
+        raise MisuseError(
+            f"{what} can't be handled: central carries it out; handle the messages that it sends"
+        )
     if isinstance(message, Variable) and pending not in (None, 1):
-        raise MisuseError(f"{what} can't be handled with pending={pending}: only its newest value waits")
+        raise MisuseError(
+            f"{what} can't be handled with pending={pending}: only its newest value waits"
+        )
     if direct and not isinstance(message, Inform | Query):
         raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
     if direct and pending:
@@ -99,10 +122,20 @@ def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> 
 def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> None:
     given = [name for name in _OF_TASKS if options.get(name)]
     if given and not message.message_class.is_task:
-        raise MisuseError(f"{message.title} can't be handled with {given[0]}=: only tasks have states")
+        raise MisuseError(
+            f"{message.title} can't be handled with {given[0]}=: only tasks have states"
+        )
     cycle = life_cycle_of(message)
-    names, takes, refuses = cycle.names(Party.CLIENT), set(options.get("takes", ())), set(options.get("refuses", ()))
+    names, takes, refuses = (
+        cycle.names(Party.CLIENT),
+        set(options.get("takes", ())),
+        set(options.get("refuses", ())),
+    )
     if unknown := sorted((takes | refuses) - set(names)):
-        raise MisuseError(f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {quoted(names)}")
+        raise MisuseError(
+            f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {quoted(names)}"
+        )
     if both := sorted(takes & refuses):
-        raise MisuseError(f"{message.title} can't be handled with '{both[0]}' both taken and refused: say one of them")
+        raise MisuseError(
+            f"{message.title} can't be handled with '{both[0]}' both taken and refused: say one of them"
+        )

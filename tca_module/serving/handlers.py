@@ -26,8 +26,8 @@ WithoutData = Callable[[Task], T] | Callable[[Task, None], T]
 
 
 class HandlerDecorator(Protocol[D, R]):
-    """Declares the decorated function as a handler, and leaves it as it is. A type checker names the first form where
-    none fits.
+    """Declares the decorated function as a handler, and leaves it as it is. A type checker names
+    the first form where none fits.
     """
 
     @overload
@@ -41,7 +41,9 @@ class HandlerDecorator(Protocol[D, R]):
         self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
     ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
     @overload
-    def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
+    def __call__(
+        self, function: Callable[[Task, D], Coming[R]], /
+    ) -> Callable[[Task, D], Coming[R]]: ...
 
 
 class HandlerDecoratorWithoutData(Protocol[R]):
@@ -50,9 +52,13 @@ class HandlerDecoratorWithoutData(Protocol[R]):
     @overload
     def __call__(self, function: WithoutData[R], /) -> Callable[..., R]: ...
     @overload
-    def __call__(self, function: WithoutData[R | LaterReply[R]], /) -> Callable[..., R | LaterReply[R]]: ...
+    def __call__(
+        self, function: WithoutData[R | LaterReply[R]], /
+    ) -> Callable[..., R | LaterReply[R]]: ...
     @overload
-    def __call__(self, function: WithoutData[Coroutine[Any, Any, R]], /) -> Callable[..., Coroutine[Any, Any, R]]: ...
+    def __call__(
+        self, function: WithoutData[Coroutine[Any, Any, R]], /
+    ) -> Callable[..., Coroutine[Any, Any, R]]: ...
     @overload
     def __call__(self, function: WithoutData[Coming[R]], /) -> Callable[..., Coming[R]]: ...
 
@@ -64,7 +70,9 @@ Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
 class Handler:
     """A function that handles a message, in a resource."""
 
-    def __init__(self, message: Message[Any, Any], function: Callable[..., Any], known_as: HandlerFormat) -> None:
+    def __init__(
+        self, message: Message[Any, Any], function: Callable[..., Any], known_as: HandlerFormat
+    ) -> None:
         self.message = message
         self.function = function
         self.resource = known_as.resource
@@ -73,7 +81,9 @@ class Handler:
         self.is_async = is_async(function)
         # Without data one argument comes first: a second one with a default is the author's own.
         has_data = message.data.kind is not type(None)
-        wanted, possible = (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
+        wanted, possible = (
+            (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
+        )
         what = f"a handler of {message.title}"
         self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
         if has_data:
@@ -84,7 +94,9 @@ class Handler:
         return Task(connection, delivery, self.message, accepts=self.format.accepts)
 
     def handle(self, task: Task, body: bytes) -> Answer:
-        """Call the function; the answer for central, or who will give it. Raises what ends the module."""
+        """Call the function; the answer for central, or who will give it. Raises what ends the
+        module.
+        """
         try:
             return self._answer(task, self.function(*self._given(task, body)))
         except ORDINARY as error:
@@ -121,8 +133,16 @@ class Handler:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
         is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
-        if is_told or isinstance(error, Aborted) or (isinstance(error, Stopped) and task_is_killed()):
-            return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
+        if (
+            is_told
+            or isinstance(error, Aborted)
+            or (isinstance(error, Stopped) and task_is_killed())
+        ):
+            return Reply(
+                task.delivery
+            ), NIL  # its task was killed, and it ends as was wanted: that is no failure
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
-            return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran
+            return handler_error(
+                task.delivery, error
+            )  # nobody has cancelled it, but something that it ran
         return failed(task.delivery, error)

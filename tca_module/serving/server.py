@@ -1,6 +1,8 @@
-"""Server: a handler of tasks as an object, with a method for each thing that clients may want; most are optional.
+"""Server: a handler of tasks as an object, with a method for each thing that clients may want; most
+are optional.
 
-Between messages, and while a handler waits, the thread of its resource gives requests to these methods.
+Between messages, and while a handler waits, the thread of its resource gives requests to these
+methods.
 """
 
 from abc import ABC, abstractmethod
@@ -34,33 +36,41 @@ class Server(ABC, Generic[D, R]):
             def initiated(self, task: Task, goal: Grasp) -> Held: ...
             def cancel(self, task: Task, why: str) -> bool: ...
 
-    A request without its method gets the default: an update lets the task begin anew, a cancel kills it. A blocking
-    server hears requests while it waits, such as in ``task.sleep()``; one that replies later, between messages.
+    A request without its method gets the default: an update lets the task begin anew, a cancel
+    kills it. A blocking server hears requests while it waits, such as in ``task.sleep()``; one that
+    replies later, between messages.
     """
 
     @abstractmethod
-    def initiated(self, task: Task, goal: D) -> R | LaterReply[R] | Coroutine[Any, Any, R | LaterReply[R]]:
+    def initiated(
+        self, task: Task, goal: D
+    ) -> R | LaterReply[R] | Coroutine[Any, Any, R | LaterReply[R]]:
         """Do the task, and return its result; or ``task.reply_later()``, or be ``async def``."""
 
     def update(self, task: Task, goal: D) -> bool:
-        """A client gives the running task a new goal: take it over, and return True; or False, which rejects it, or
-        ``raise task.rejected("the reason")``. Should not take long.
+        """A client gives the running task a new goal: take it over, and return True; or False,
+        which rejects it, or ``raise task.rejected("the reason")``. Should not take long.
         """
         raise NotImplementedError
 
     def cancel(self, task: Task, why: str) -> bool:
-        """A client wants the task to end: leave all safe, and return True. The task then ends as cancelled: a blocking
-        handler is woken with TaskKilled, a reply that is owed is not owed any more. Otherwise like ``update``.
+        """A client wants the task to end: leave all safe, and return True. The task then ends as
+        cancelled: a blocking handler is woken with TaskKilled, a reply that is owed is not owed any
+        more. Otherwise like ``update``.
         """
         raise NotImplementedError
 
     def requested(self, task: Task, request: TaskRequest) -> bool:
-        """A client has taken another transition, of the task's own life cycle. Otherwise like ``update``."""
+        """A client has taken another transition, of the task's own life cycle. Otherwise like
+        ``update``.
+        """
         raise NotImplementedError
 
 
 def taken_by(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
-    """The transitions of clients for which a server has methods. Raises MisuseError if it is none."""
+    """The transitions of clients for which a server has methods. Raises MisuseError if it is
+    none.
+    """
     if not isinstance(server, Server):
         hint = f": give {server.__name__}()" if isinstance(server, type) else ""
         raise MisuseError(f"serve(): {server!r:.60} is no Server{hint}")
@@ -68,7 +78,9 @@ def taken_by(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
     for name in cycle.names(Party.CLIENT):
         method = _method_for(cycle, name)
         if getattr(type(server), method) is not getattr(Server, method):
-            check_function(f"{type(server).__name__}.{method}", getattr(server, method), "(task, goal)")
+            check_function(
+                f"{type(server).__name__}.{method}", getattr(server, method), "(task, goal)"
+            )
             found.append(name)
     return found
 
@@ -84,7 +96,9 @@ def _method_for(cycle: LifeCycle, name: str) -> str:
 class ServerHandler(Handler):
     """A server as a handler."""
 
-    def __init__(self, message: Message[Any, Any], server: Server[Any, Any], known_as: HandlerFormat) -> None:
+    def __init__(
+        self, message: Message[Any, Any], server: Server[Any, Any], known_as: HandlerFormat
+    ) -> None:
         super().__init__(message, server.initiated, known_as)
         self._server = server
 
@@ -107,7 +121,9 @@ class ServerHandler(Handler):
             hear_soon()
         return task
 
-    def _decide(self, connection: Connection, delivery: Deliver, served: ServerState, request: TaskRequest) -> None:
+    def _decide(
+        self, connection: Connection, delivery: Deliver, served: ServerState, request: TaskRequest
+    ) -> None:
         """Say what the server says to a client's request."""
         task, why = super().task(connection, delivery), ""
         try:
@@ -118,7 +134,9 @@ class ServerHandler(Handler):
         except Rejection as error:
             is_granted, why = False, str(error)
         except ORDINARY as error:
-            connection.log.exception("%s: the server's answer to %s failed", type(self._server).__name__, request)
+            connection.log.exception(
+                "%s: the server's answer to %s failed", type(self._server).__name__, request
+            )
             is_granted, why = False, f"its handler failed: {type(error).__name__}: {error}"
         finally:
             task.returned()

@@ -1,4 +1,6 @@
-"""The threads of a module: as many for each resource as its capacity, one of which calls the resource's callbacks."""
+"""The threads of a module: as many for each resource as its capacity, one of which calls the
+resource's callbacks.
+"""
 
 import contextlib
 import threading
@@ -30,7 +32,9 @@ from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 CALLBACKS = "callbacks"
 """The resource whose thread calls the callbacks for which no other is named."""
 
-_PATIENCE = 1.0  # seconds that handlers have for their end before it is said that they are waited for
+_PATIENCE = (
+    1.0  # seconds that handlers have for their end before it is said that they are waited for
+)
 
 
 class Serving(NamedTuple):
@@ -46,7 +50,9 @@ class Serving(NamedTuple):
 
 
 class Slot:
-    """A thread with a connection of its own that handles one message at a time, until the module is to stop."""
+    """A thread with a connection of its own that handles one message at a time, until the module is
+    to stop.
+    """
 
     def __init__(self, serving: Serving, hello: Hello, callbacks: Callbacks) -> None:
         self.error: BaseException | None = None  #: the error that ended the thread before its time
@@ -55,16 +61,24 @@ class Slot:
         self.callbacks = callbacks  #: that its thread calls
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._serving = serving
-        self.hello = hello  #: the resource that it handles messages for, and the number of its connection
+        self.hello = (
+            hello  #: the resource that it handles messages for, and the number of its connection
+        )
         self._connection: Connection  # from its beginning on
         self._loop: EventLoop | None = None  #: made when it is first needed
-        self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
+        self._owed = WeakSet[
+            LaterReply[Any]
+        ]()  #: answers that handlers left to others, who alone keep them
         self._log = log_of(hello.module)
-        self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True
+        )
         self._thread.start()
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is set."""
+        """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is
+        set.
+        """
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
@@ -73,7 +87,9 @@ class Slot:
         mine = [one for one in handlers.values() if one.resource == self.hello.resource]
         direct = [handler.message for handler in mine if handler.format.direct]
         try:
-            self._serve(open_connection(central, self.hello, patience, stop.is_set, direct, attachments))
+            self._serve(
+                open_connection(central, self.hello, patience, stop.is_set, direct, attachments)
+            )
         except Stopped:
             self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
@@ -100,8 +116,15 @@ class Slot:
                     return
                 self._serving.stop.set()
                 what, module = type(error).__name__, self.hello.module
-                self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
-                connection.post(Unregister(0, []), b"")  # now the senders find the handlers of other modules
+                self._log.error(
+                    "module '%s' ends, and handles nothing any more: %s",
+                    module,
+                    what,
+                    exc_info=error,
+                )
+                connection.post(
+                    Unregister(0, []), b""
+                )  # now the senders find the handlers of other modules
                 stack.callback(self._say_goodbye, connection, error)
                 raise
             finally:
@@ -146,11 +169,16 @@ class Slot:
         return True
 
     def _attend(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
-        """Handle a message, to the end of its handler; *in_loop*: beside a coroutine that awaits, if it is one, too."""
+        """Handle a message, to the end of its handler; *in_loop*: beside a coroutine that awaits,
+        if it is one, too.
+        """
         connection, loop = self._connection, self._loop
         handler = self._serving.handlers.get(delivery.message)
         if handler is None:
-            connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
+            connection.reply(
+                Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"),
+                b"",
+            )
             return
         task, self.handling = handler.task(connection, delivery), delivery.message
         begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
@@ -162,11 +190,14 @@ class Slot:
         elif loop is not None and loop.is_running:
             text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
             hint = "await that one: task.query_send(...)"
-            self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
+            self._end(
+                handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b"")
+            )
         else:
             if loop is None:
                 loop = self._loop = EventLoop(connection, partial(self._attend, in_loop=True))
-            # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
+            # The reply leaves when the loop has stopped: the next message must not be handled
+            # inside of this one's.
             answer = loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
                 self._end(handler, task, answer)
@@ -180,15 +211,22 @@ class Slot:
             self._connection.hear_threads()  # before the failure
         task.returned()
         if self.is_replaced:
-            self._log.warning("handler %s has returned after all: another thread has its place", handler.name)
+            self._log.warning(
+                "handler %s has returned after all: another thread has its place", handler.name
+            )
             return
         if isinstance(answer, LaterReply):
             self._owed.add(answer)
             answer.returned()
             return
         header, body = answer
-        if isinstance(header, Reply) and self._connection.session.open_deliveries.was_told_to_end(task.delivery):
-            header, body = Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"), b""
+        if isinstance(header, Reply) and self._connection.session.open_deliveries.was_told_to_end(
+            task.delivery
+        ):
+            header, body = (
+                Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"),
+                b"",
+            )
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
         if isinstance(header, Reply):
@@ -213,8 +251,12 @@ class Slots:
         self.left_behind = 0  #: number of those whose handlers hung
         self._open_slot: OpenSlot | None = None  #: while the module runs
 
-    def open(self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot) -> None:
-        """Open the slots of these resources, and wait until messages are handled. Raises what prevents it."""
+    def open(
+        self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot
+    ) -> None:
+        """Open the slots of these resources, and wait until messages are handled. Raises what
+        prevents it.
+        """
         with self._lock:
             self._open_slot = open_slot
             for resource in resources:
@@ -227,7 +269,9 @@ class Slots:
                 raise slot.error
 
     def close(self, why: BaseException | None) -> list[BaseException]:
-        """Wait until all slots have ended; the errors that ended some early. A long wait is logged with *why*."""
+        """Wait until all slots have ended; the errors that ended some early. A long wait is logged
+        with *why*.
+        """
         with self._lock:
             self._open_slot = None
         patience = time.monotonic() + _PATIENCE
@@ -235,8 +279,10 @@ class Slots:
             if not slot.join(max(0.0, patience - time.monotonic())):
                 self._log.warning(
                     "module '%s' ends%s, and waits for its handler of '%s' to return, which may look at task.cancelled",
-                    self._module, f" ({type(why).__name__}: {why})" if why is not None else "", slot.handling,
-                )  # fmt: skip
+                    self._module,
+                    f" ({type(why).__name__}: {why})" if why is not None else "",
+                    slot.handling,
+                )
                 slot.join()
         errors = [slot.error for slot in self._slots if slot.error is not None]
         self._slots.clear()
@@ -249,7 +295,9 @@ class Slots:
         return {resource for resource, callbacks in self._callbacks.items() if callbacks}
 
     def callbacks(self, resource: str) -> Callbacks:
-        """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if it can't be."""
+        """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if
+        it can't be.
+        """
         with self._lock:
             if self._open_slot is not None and not self._has_thread(resource):
                 if resource != CALLBACKS:
@@ -262,7 +310,9 @@ class Slots:
         return any(slot.hello.resource == resource for slot in self._slots)
 
     def _open(self, resource: str, open_slot: OpenSlot) -> None:
-        callbacks = Callbacks(self._module)  # of a further thread of the resource: it has none to call
+        callbacks = Callbacks(
+            self._module
+        )  # of a further thread of the resource: it has none to call
         if not self._has_thread(resource):
             callbacks = self._callbacks.setdefault(resource, callbacks)
         self._add(resource, callbacks, open_slot)
@@ -281,6 +331,9 @@ class Slots:
             self._slots.remove(hung)
             self.left_behind += 1
             self._log.warning(
-                "module '%s': %s; another thread takes its place (left behind: %d)", self._module, why, self.left_behind
+                "module '%s': %s; another thread takes its place (left behind: %d)",
+                self._module,
+                why,
+                self.left_behind,
             )
             self._add(hung.hello.resource, hung.callbacks, self._open_slot)

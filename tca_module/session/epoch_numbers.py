@@ -1,8 +1,8 @@
 """Numbers that know which central gave them.
 
-A restarted central counts from 1 again, so an old number is somebody else's task by now. Numbers get into headers in
-many ways; so each carries the epoch of its central, and ``Connection`` checks all headers that leave. A plain number is
-taken as one of the central that gets it.
+A restarted central counts from 1 again, so an old number is somebody else's task by now. Numbers
+get into headers in many ways; so each carries the epoch of its central, and ``Connection`` checks
+all headers that leave. A plain number is taken as one of the central that gets it.
 """
 
 from collections.abc import Callable, Iterable
@@ -37,7 +37,9 @@ N = TypeVar("N", bound=int)
 
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
-    """The number as that central's; unchanged if it names nothing (0), or central is never restarted (epoch "")."""
+    """The number as that central's; unchanged if it names nothing (0), or central is never
+    restarted (epoch "").
+    """
     if number <= 0 or not epoch:
         return number
     named: N = cast("Any", EpochNumber(number, epoch, what))
@@ -65,7 +67,9 @@ def _collect(parts: Iterable[Any], found: list[EpochNumber]) -> None:
 
 _NUMBERS = ("origin", "delivery", "id")
 _NAMING = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
-"""Names and types of the fields of headers, and of their parts, that name tasks and other things of a central."""
+"""Names and types of the fields of headers, and of their parts, that name tasks and other things of
+a central.
+"""
 
 
 @cache
@@ -73,7 +77,11 @@ def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
     """Reads the fields that may hold such numbers: each message passes here."""
     hints = get_type_hints(kind)
     names = [name for name, hint in hints.items() if name in _NUMBERS or hint in _NAMING]
-    return attrgetter(*names) if len(names) > 1 else lambda part: tuple(getattr(part, name) for name in names)
+    return (
+        attrgetter(*names)
+        if len(names) > 1
+        else lambda part: tuple(getattr(part, name) for name in names)
+    )
 
 
 def first_foreign(numbers: Iterable[int], epoch: str) -> EpochNumber | None:

@@ -1,4 +1,6 @@
-"""Requests whose answers are not waited for any more. Central is told; a task of which it has not spoken is killed."""
+"""Requests whose answers are not waited for any more. Central is told; a task of which it has not
+spoken is killed.
+"""
 
 from typing import Any
 
@@ -16,7 +18,9 @@ def abandon(session: Session, request: Request) -> None:
     if request.path is not None:
         request.path.abandon(request)
     elif session.requests.pop(number, None) is not None and request.wants_answer:
-        if request.was_sent:  # central may have it, also if it is away now: the GiveUp is repeated like all else
+        if (
+            request.was_sent
+        ):  # central may have it, also if it is away now: the GiveUp is repeated like all else
             ask_why(session, request)
     elif _is_recalled(session, request.header) and not (request.what and request.is_over):
         why = "its sender has given it up, and does not know it"
@@ -27,13 +31,17 @@ def abandon(session: Session, request: Request) -> None:
 
 
 def ask_why(session: Session, request: Request) -> Request | None:
-    """Give up a request that took too long; the request that asks central why, None for a direct one."""
+    """Give up a request that took too long; the request that asks central why, None for a direct
+    one.
+    """
     if request.path is not None:
         request.path.abandon(request)
         return None
     number = request.header.number
     session.requests.pop(number, None)
-    return session.request(headers.GiveUp(number, origin=getattr(request.header, "origin", 0)), wants_answer=True)
+    return session.request(
+        headers.GiveUp(number, origin=getattr(request.header, "origin", 0)), wants_answer=True
+    )
 
 
 def fate_of(session: Session, request: Request) -> str:
@@ -46,7 +54,9 @@ def fate_of(session: Session, request: Request) -> str:
 
 
 def _is_recalled(session: Session, header: Any) -> bool:
-    """Whether a request that is given up unheard is killed: a task is, since only its sender could find it."""
+    """Whether a request that is given up unheard is killed: a task is, since only its sender could
+    find it.
+    """
     if not isinstance(header, headers.Send) or header.when_killed:
         return False
     declared = session.messages.get(header.message)

@@ -12,7 +12,9 @@ Item = tuple[Any, bytes]
 
 
 class HeldReplies:
-    """The replies of a turn, in which a slot handles messages one after the other, until they are sent."""
+    """The replies of a turn, in which a slot handles messages one after the other, until they are
+    sent.
+    """
 
     def __init__(self) -> None:
         self._present = 0  #: the delivery that is handled in a turn (0: none is)
@@ -40,14 +42,22 @@ class HeldReplies:
         return True
 
     def joined(self, items: list[Item], now: float) -> list[Item]:
-        """What is to be sent, with held replies joined where nothing else is between them. They are held no longer."""
-        found: list[Item] = []  # newest first, as all here: each has to say when the run after it began
+        """What is to be sent, with held replies joined where nothing else is between them. They are
+        held no longer.
+        """
+        found: list[
+            Item
+        ] = []  # newest first, as all here: each has to say when the run after it began
         begun = -1.0 if self._begun is None else now - self._begun
         runs: list[EndedRun] = []
         bodies: list[bytes] = []
         size = 0
         for header, body in reversed(items):
-            ended = self.ended.get(header.delivery) if isinstance(header, Reply) and not header.refusals else None
+            ended = (
+                self.ended.get(header.delivery)
+                if isinstance(header, Reply) and not header.refusals
+                else None
+            )
             if runs and (ended is None or size + len(body) > _TOGETHER):
                 found.append(_together(runs, bodies, begun))
                 begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0

@@ -1,5 +1,6 @@
-"""The exception handlers and wiretaps that a program has attached to messages and to the root: a restarted central is
-told of them anew. All connections of a program share one list, from several threads.
+"""The exception handlers and wiretaps that a program has attached to messages and to the root: a
+restarted central is told of them anew. All connections of a program share one list, from several
+threads.
 """
 
 import threading
@@ -18,7 +19,9 @@ class LastingAttachment:
 
     __slots__ = ("formats", "header", "number")
 
-    def __init__(self, header: Attach | Tap, formats: list[MessageFormat], number: EpochNumber) -> None:
+    def __init__(
+        self, header: Attach | Tap, formats: list[MessageFormat], number: EpochNumber
+    ) -> None:
         self.header = header  #: the request that attached it
         self.formats = formats  #: of the messages that it names
         self.number = number  #: under which a central knows it
@@ -32,7 +35,9 @@ class LastingAttachment:
 
 
 def is_lasting(header: Any) -> bool:
-    """Whether a request attaches something to a message or to the root; an attachment to a task ends with it."""
+    """Whether a request attaches something to a message or to the root; an attachment to a task
+    ends with it.
+    """
     if isinstance(header, Attach):
         return bool(header.message) or header.task == ROOT
     return isinstance(header, Tap) and bool(header.message)
@@ -44,10 +49,16 @@ class LastingAttachments:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
-        self.unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
+        self.unwanted: list[
+            LastingAttachment
+        ] = []  #: another connection than the one that removed them may know them
 
-    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber) -> None:
-        """Central has accepted it. The same wiretap keeps its place, anything else attached alike is the newest."""
+    def add(
+        self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber
+    ) -> None:
+        """Central has accepted it. The same wiretap keeps its place, anything else attached alike
+        is the newest.
+        """
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
             before = self._wanted.get(key)
@@ -55,9 +66,14 @@ class LastingAttachments:
                 before.number = number
                 return
             self._wanted.pop(key, None)
-            names = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
+            names = (
+                header.listener if isinstance(header, Tap) else header.attachment.handler,
+                header.message,
+            )
             named = [known[name] for name in names if name in known]
-            parts = [known[part] for one in named for part in one.parts if part in known]  # a monitor's come before it
+            parts = [
+                known[part] for one in named for part in one.parts if part in known
+            ]  # a monitor's come before it
             self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
 
     def of(self, header: Attach | Tap) -> LastingAttachment | None:
@@ -66,7 +82,9 @@ class LastingAttachments:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch lacks, oldest first, with newer ones to keep the order."""
+        """The attachments that the central of that epoch lacks, oldest first, with newer ones to
+        keep the order.
+        """
         with self._lock:
             wanted = list(self._wanted.values())
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
@@ -87,7 +105,9 @@ class LastingAttachments:
                 self.unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch still has, though they were removed. Each once."""
+        """The attachments that the central of that epoch still has, though they were removed. Each
+        once.
+        """
         with self._lock:
             unwanted = [one for one in self.unwanted if one.number.epoch == epoch]
             self.unwanted = [one for one in self.unwanted if one.number.epoch != epoch]

@@ -1,8 +1,9 @@
 """The deliveries that are not answered yet, and what their handlers have been told.
 
-A handler is woken from its present or next wait once because its task was killed or is to be handled again, and once
-because its module ends. Reading ``task.cancelled`` as true counts as being told. Later waits work as ever, so that it
-can clean up. The context tells which handler waits: for asyncio tasks, the one that started them.
+A handler is woken from its present or next wait once because its task was killed or is to be
+handled again, and once because its module ends. Reading ``task.cancelled`` as true counts as being
+told. Later waits work as ever, so that it can clean up. The context tells which handler waits: for
+asyncio tasks, the one that started them.
 """
 
 from collections import deque
@@ -28,10 +29,24 @@ def never() -> bool:
 class OpenDelivery:
     """A delivery that is being handled, or about to be."""
 
-    __slots__ = ("delivery", "is_killed", "is_shielded", "is_suspended", "is_told_of_end", "is_told_of_kill", "name",
-                 "on_request", "owner", "requested", "state", "why_killed")  # fmt: skip
+    __slots__ = (
+        "delivery",
+        "is_killed",
+        "is_shielded",
+        "is_suspended",
+        "is_told_of_end",
+        "is_told_of_kill",
+        "name",
+        "on_request",
+        "owner",
+        "requested",
+        "state",
+        "why_killed",
+    )
 
-    def __init__(self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False) -> None:
+    def __init__(
+        self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False
+    ) -> None:
         self.owner = owner
         self.delivery = delivery
         self.name = ""  #: its message, for people
@@ -41,7 +56,9 @@ class OpenDelivery:
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
-        self.requested: deque[tuple[Requested, bytes]] | None = None  #: what clients have asked for, if anything
+        self.requested: deque[tuple[Requested, bytes]] | None = (
+            None  #: what clients have asked for, if anything
+        )
         self.on_request: tuple[Callable[[], None], ...] = ()  #: become news with each of those
         self.state: Any = None  #: its task's, as the handler knows it; made when it is first needed
 
@@ -50,8 +67,12 @@ class OpenDeliveries:
     """The open deliveries of one connection."""
 
     def __init__(self) -> None:
-        self.is_ending: Callable[[], bool] = never  #: whether the module ends, and handlers are to be told
-        self._known: dict[int, OpenDelivery] = {}  #: by delivery; one that came directly (< 0) from its beginning
+        self.is_ending: Callable[[], bool] = (
+            never  #: whether the module ends, and handlers are to be told
+        )
+        self._known: dict[
+            int, OpenDelivery
+        ] = {}  #: by delivery; one that came directly (< 0) from its beginning
 
     def __contains__(self, delivery: int) -> bool:
         return delivery in self._known
@@ -99,7 +120,10 @@ class OpenDeliveries:
     def forget(self) -> None:
         """Central was restarted and has forgotten them; it may use the same numbers again."""
         for delivery, one in self._known.items():
-            one.is_killed, one.why_killed = delivery > 0, "central was restarted and has forgotten it"
+            one.is_killed, one.why_killed = (
+                delivery > 0,
+                "central was restarted and has forgotten it",
+            )
         self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
@@ -119,14 +143,18 @@ class OpenDeliveries:
         return True
 
     def _of(self, delivery: int) -> OpenDelivery | None:
-        """The open delivery of that number; a handler that asks for its own never gets a newer one of that number."""
+        """The open delivery of that number; a handler that asks for its own never gets a newer one
+        of that number.
+        """
         mine = current_delivery()
         if mine is not None and mine.owner is self and mine.delivery == delivery:
             return mine
         return self._known.get(delivery)
 
     def state_of(self, delivery: int, make: Callable[[OpenDelivery], S]) -> S:
-        """The state of the task of a delivery, as its handler knows it; made when it is first asked for."""
+        """The state of the task of a delivery, as its handler knows it; made when it is first asked
+        for.
+        """
         one = self._of(delivery)
         assert one is not None
         if one.state is None:
@@ -135,12 +163,16 @@ class OpenDeliveries:
         return state
 
     def is_killed(self, delivery: int) -> bool:
-        """Whether the task of a delivery was killed or forgotten; never that of a direct one (< 0)."""
+        """Whether the task of a delivery was killed or forgotten; never that of a direct one (<
+        0).
+        """
         one = self._of(delivery)
         return one.is_killed if one is not None else delivery > 0
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether a delivery's handler is to clean up and return: its task was killed, or the module ends."""
+        """Whether a delivery's handler is to clean up and return: its task was killed, or the
+        module ends.
+        """
         return self.is_killed(delivery) or self.is_ending()
 
     def read_cancelled(self, delivery: int) -> bool:
@@ -155,12 +187,16 @@ class OpenDeliveries:
         return one is not None and one.is_suspended and not self.is_cancelled(delivery)
 
     def was_told_to_end(self, delivery: int) -> bool:
-        """Whether the handler was told to return because the module ends, and so may have stopped halfway."""
+        """Whether the handler was told to return because the module ends, and so may have stopped
+        halfway.
+        """
         one = self._of(delivery)
         return one is not None and one.is_told_of_end and not one.is_killed
 
     def wake_reason(self, one: OpenDelivery | None) -> str:
-        """Why a handler is to be woken: KILLED, ENDS or "". A callback (None) is woken whenever the module ends."""
+        """Why a handler is to be woken: KILLED, ENDS or "". A callback (None) is woken whenever the
+        module ends.
+        """
         if one is not None and one.is_shielded:
             return ""
         if one is not None and one.is_killed and not one.is_told_of_kill:

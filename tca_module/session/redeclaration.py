@@ -1,8 +1,8 @@
 """Repeats to a restarted central all that it has forgotten, in order.
 
-First the messages; then exception handlers and wiretaps, oldest first; then the module waits for the messages it
-requires. Only then are its handlers declared: other modules may rely on its attachments. What is refused is logged and
-tried again.
+First the messages; then exception handlers and wiretaps, oldest first; then the module waits for
+the messages it requires. Only then are its handlers declared: other modules may rely on its
+attachments. What is refused is logged and tried again.
 """
 
 from collections.abc import Callable
@@ -24,10 +24,16 @@ Ask = Callable[..., Request]
 
 
 class Redeclaration:
-    """Declares all anew to a restarted central. Only the connection that declares a module's handlers does."""
+    """Declares all anew to a restarted central. Only the connection that declares a module's
+    handlers does.
+    """
 
     def __init__(
-        self, attachments: LastingAttachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]
+        self,
+        attachments: LastingAttachments,
+        ask: Ask,
+        say: Callable[[str], None],
+        over: Callable[[], None],
     ) -> None:
         self.required: list[str] = []  #: messages without which the module does not serve
         self.is_over = True  #: handlers may be declared
@@ -58,7 +64,9 @@ class Redeclaration:
         return self._open > 0 and not self._is_waiting
 
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
-        """The central of that epoch knows nothing. With nothing but handlers to declare, this is over at once."""
+        """The central of that epoch knows nothing. With nothing but handlers to declare, this is
+        over at once.
+        """
         self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))
         if not self.is_over:
@@ -68,18 +76,33 @@ class Redeclaration:
         self._is_refused, self._due = False, _NEVER
         for standing in self._attachments.unknown_to(self._epoch):
             watch = getattr(standing.header, "watch", None)
-            if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
-                self._attachments.forget(standing, standing.number.epoch)  # the monitor would never end
-                self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
+            if (
+                watch is not None
+                and watch.until is not None
+                and standing.number.epoch != self._epoch
+            ):
+                self._attachments.forget(
+                    standing, standing.number.epoch
+                )  # the monitor would never end
+                self._say(
+                    f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}"
+                )
         unknown = self._attachments.unknown_to(self._epoch)
-        formats = self._messages | {one.name: one for standing in unknown for one in standing.formats}
+        formats = self._messages | {
+            one.name: one for standing in unknown for one in standing.formats
+        }
         for header in registers(formats.values()):
             self._request(header, "messages that were declared")
         for standing in unknown:
             self._request(standing.header, f"the {standing}", standing)
 
     def _request(
-        self, header: Any, what: str, standing: LastingAttachment | None = None, *, waits: bool = False
+        self,
+        header: Any,
+        what: str,
+        standing: LastingAttachment | None = None,
+        *,
+        waits: bool = False,
     ) -> None:
         self._open += 1
         request = self._ask(header, wants_answer=waits)
@@ -92,7 +115,9 @@ class Redeclaration:
         if request.refused is not None:
             text = f"central was restarted, and refuses {what}: {request.refused.text}"
             if not self._is_refused or standing is None:  # the rest may only follow from that
-                self._say_once(f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before")
+                self._say_once(
+                    f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before"
+                )
             self._is_refused = True
         elif standing is not None and request.accepted is not None:
             self._attached += 1
@@ -107,11 +132,15 @@ class Redeclaration:
             return
         if self.required and not self._is_waiting:
             self._is_waiting = True
-            self._request(headers.WaitUntilHandled(0, self.required), "what it requires", waits=True)
+            self._request(
+                headers.WaitUntilHandled(0, self.required), "what it requires", waits=True
+            )
             return
         self.is_over, self._due = True, _NEVER
         if self._attached:
-            self._say(f"central was restarted: exception handlers and wiretaps attached anew: {self._attached}")
+            self._say(
+                f"central was restarted: exception handlers and wiretaps attached anew: {self._attached}"
+            )
         self._over()
 
     def tend(self, now: float) -> float:

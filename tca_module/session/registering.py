@@ -11,7 +11,10 @@ _BYTES = int(Limit.HEADER) // 2
 
 
 def registers(
-    messages: Iterable[MessageFormat], handlers: Iterable[HandlerFormat] = (), *, is_ready: bool = False
+    messages: Iterable[MessageFormat],
+    handlers: Iterable[HandlerFormat] = (),
+    *,
+    is_ready: bool = False,
 ) -> list[Register]:
     """The requests that declare messages and handlers, to be made in this order; most times one."""
     messages, handlers = list(messages), list(handlers)

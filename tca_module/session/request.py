@@ -16,7 +16,9 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
-_ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | Observe
+_ABOUT_CENTRAL = (
+    headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | Observe
+)
 """Questions of how things stand now: after a restart as before."""
 
 HARMLESS = _ABOUT_CENTRAL | headers.AwaitPoint | headers.Lock
@@ -26,9 +28,15 @@ WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilH
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
-    Register, headers.Unregister, headers.Ask, headers.GetVariable, SetVariable, headers.WaitUntilHandled,
-    headers.Unlock, headers.GoOn,
-)  # fmt: skip
+    Register,
+    headers.Unregister,
+    headers.Ask,
+    headers.GetVariable,
+    SetVariable,
+    headers.WaitUntilHandled,
+    headers.Unlock,
+    headers.GoOn,
+)
 """Requests that any central understands, whatever it remembers."""
 
 
@@ -40,13 +48,38 @@ class DirectWay(Protocol):
 
 
 class Request:
-    """A numbered request and its answers. It is over when it was accepted, its last answer is there, it was refused, or
-    it was lost with central's memory. A query that was not sent, because nobody handles it, is accepted with id 0.
+    """A numbered request and its answers. It is over when it was accepted, its last answer is
+    there, it was refused, or it was lost with central's memory. A query that was not sent, because
+    nobody handles it, is accepted with id 0.
     """
 
-    __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "by", "epoch", "gone", "header",
-                 "is_announced", "is_over", "lost", "mark", "notify", "number", "path", "refused", "repeated",
-                 "seen", "settled", "taken", "wakes", "wants_answer", "was_sent", "what")  # fmt: skip
+    __slots__ = (
+        "__weakref__",
+        "accepted",
+        "after",
+        "answers",
+        "body",
+        "by",
+        "epoch",
+        "gone",
+        "header",
+        "is_announced",
+        "is_over",
+        "lost",
+        "mark",
+        "notify",
+        "number",
+        "path",
+        "refused",
+        "repeated",
+        "seen",
+        "settled",
+        "taken",
+        "wakes",
+        "wants_answer",
+        "was_sent",
+        "what",
+    )
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -57,31 +90,48 @@ class Request:
         self.repeated = False  #: was sent more than once
         self.is_over = False
         self.seen = 0  #: answers of one that goes on, since it was sent
-        self.is_announced = False  #: central knows that the sender, who went on, now waits for the answer
+        self.is_announced = (
+            False  #: central knows that the sender, who went on, now waits for the answer
+        )
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""  #: how it was lost with central's memory
         self.gone = ""  #: its subject, where a restarted central has forgotten that
         self.taken = ""  #: of a lock that was granted: how it was lost
-        self.path: DirectWay | None = None  #: the way that it went directly, under that way's *number*
+        self.path: DirectWay | None = (
+            None  #: the way that it went directly, under that way's *number*
+        )
         self.number = 0
         self.what = ""  #: of what was sent without waiting, a task mostly: its name, for people
         self.by = ""  #: and the message whose handler has sent it
-        self.after: list[TaskId] = []  #: and the siblings that it was to come after, until it is accepted
+        self.after: list[
+            TaskId
+        ] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
-        self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
+        self.notify: Callable[[], None] | None = (
+            None  #: becomes news with each answer, and when it is over
+        )
         self.wakes: Callable[[], None] | None = None  #: so does this, for coroutines that await it
-        self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
+        self.settled: Callable[[Request], None] | None = (
+            None  #: called by the session itself, when it is over
+        )
 
     @property
     def is_unannounced(self) -> bool:
         """Whether it is open, and central does not know if its sender waits by now."""
         header = self.header
         if self.what:
-            return isinstance(header, Send) and not self.is_over and header.quiet and not self.is_announced
+            return (
+                isinstance(header, Send)
+                and not self.is_over
+                and header.quiet
+                and not self.is_announced
+            )
         is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
-        return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
+        return (
+            is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
+        )
 
     @property
     def waits_for_others(self) -> bool:
@@ -125,7 +175,9 @@ class Request:
             raise CentralLost(forgotten_text(self.gone))
         if self.lost:
             advice = "begin anew" if refers_to_tasks(self.header) else "ask again"
-            advice = "send the task again" if isinstance(self.header, headers.AwaitPoint) else advice
+            advice = (
+                "send the task again" if isinstance(self.header, headers.AwaitPoint) else advice
+            )
             raise CentralLost(f"{what} is lost: {self.lost}; {advice}")
 
 
@@ -142,7 +194,9 @@ def refers_to_tasks(header: Any) -> bool:
     if watch is not None and watch.until is not None:
         return True
     if isinstance(header, Send | headers.Lock):
-        return bool(header.origin or (isinstance(header, Send) and (header.parent or header.constraints)))
+        return bool(
+            header.origin or (isinstance(header, Send) and (header.parent or header.constraints))
+        )
     if isinstance(header, headers.Inspect):
         return header.task != ROOT
     if isinstance(header, Observe):

@@ -1,4 +1,6 @@
-"""Tasks that are sent without waiting for central's word: their ids, and the errors of those that are refused."""
+"""Tasks that are sent without waiting for central's word: their ids, and the errors of those that
+are refused.
+"""
 
 from typing import Any, Protocol, Self
 
@@ -22,8 +24,8 @@ class Acknowledging(Protocol):
 
 
 class SentId(EpochNumber):
-    """The id of a task that was sent. Before central has told it, whoever looks at it waits; in headers the request
-    that has sent the task stands for it.
+    """The id of a task that was sent. Before central has told it, whoever looks at it waits; in
+    headers the request that has sent the task stands for it.
     """
 
     connection: Acknowledging
@@ -39,11 +41,17 @@ class SentId(EpochNumber):
     def known(self) -> EpochNumber:
         """The id itself. Waits for it; raises the error that the send came to."""
         request = self.request
-        return request.accepted if request.accepted is not None else self.connection.acknowledged(request)
+        return (
+            request.accepted
+            if request.accepted is not None
+            else self.connection.acknowledged(request)
+        )
 
     @property
     def on_wire(self) -> int:
-        """The number by which central knows the task when it comes on the connection that has sent it."""
+        """The number by which central knows the task when it comes on the connection that has sent
+        it.
+        """
         request = self.request
         return int(request.accepted) if request.accepted is not None else -request.header.number
 
@@ -55,11 +63,13 @@ class SentId(EpochNumber):
     @property
     def what(self) -> str:  # type: ignore[override]
         """The task, for people."""
-        return str(self.request.accepted.what if self.request.accepted is not None else self.request.what)
+        return str(
+            self.request.accepted.what if self.request.accepted is not None else self.request.what
+        )
 
     def be_nameable(self, connection: object) -> None:
-        """Be sure that the task can be named on *connection*: another than its own knows its id only. Raises the error
-        that the send came to.
+        """Be sure that the task can be named on *connection*: another than its own knows its id
+        only. Raises the error that the send came to.
         """
         if self.request.is_over or self.connection is not connection:
             self.known  # noqa: B018
@@ -107,13 +117,15 @@ class SentId(EpochNumber):
 
 
 class TaskSends:
-    """The tasks that were sent without waiting: those that were refused, until the errors are raised, by the delivery
-    whose handler has sent them (0: code outside of handlers).
+    """The tasks that were sent without waiting: those that were refused, until the errors are
+    raised, by the delivery whose handler has sent them (0: code outside of handlers).
     """
 
     def __init__(self) -> None:
         self.untold = 0  #: number of those of which central has said nothing yet
-        self.lost: list[Request] = []  #: those that were lost with central, and of which nobody has asked since
+        self.lost: list[
+            Request
+        ] = []  #: those that were lost with central, and of which nobody has asked since
         self.failed: dict[int, list[Request]] = {}  #: those that were refused, by origin
         self._known: dict[int, int] = {}  #: how many refusals the handler of a delivery knows
 
@@ -147,12 +159,18 @@ class TaskSends:
             self._known[origin] = self._known.get(origin, 0) + len(failed)
 
     def end(self, delivery: int) -> tuple[int, list[str]]:
-        """A handler has ended: how many refusals it knows, and errors that were not raised in it."""
+        """A handler has ended: how many refusals it knows, and errors that were not raised in
+        it.
+        """
         if not (self._known or self.failed):
             return 0, []
-        return self._known.pop(delivery, 0), [one.why_unheard for one in self.failed.pop(delivery, [])]
+        return self._known.pop(delivery, 0), [
+            one.why_unheard for one in self.failed.pop(delivery, [])
+        ]
 
     def forget(self) -> None:
-        """Central was restarted, and has forgotten all deliveries: it may use the same numbers again."""
+        """Central was restarted, and has forgotten all deliveries: it may use the same numbers
+        again.
+        """
         self.failed = {origin: failed for origin, failed in self.failed.items() if not origin}
         self._known.clear()

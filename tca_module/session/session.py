@@ -1,12 +1,14 @@
 """One connection's side of the protocol: its requests, their repetition, and deliveries.
 
-Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's Welcome nothing but
-Hello leaves. A numbered request is kept until its answer is there; after a break it is repeated in order: central knows
-it by its number and never does it twice. What is not numbered (informs) may be lost.
+Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's
+Welcome nothing but Hello leaves. A numbered request is kept until its answer is there; after a
+break it is repeated in order: central knows it by its number and never does it twice. What is not
+numbered (informs) may be lost.
 
-A Welcome with another epoch says that central was restarted and its tree is lost. Open requests are lost too, unless
-they name nothing of the old tree and only ask how things stand, or certainly never reached the old central: they did
-not leave, or left once and were answered by Unknown. Messages and handlers are declared again (``redeclaration``).
+A Welcome with another epoch says that central was restarted and its tree is lost. Open requests are
+lost too, unless they name nothing of the old tree and only ask how things stand, or certainly never
+reached the old central: they did not leave, or left once and were answered by Unknown. Messages and
+handlers are declared again (``redeclaration``).
 """
 
 from collections import deque
@@ -22,7 +24,13 @@ from tca_module.session.lasting_attachments import LastingAttachments, is_lastin
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
 from tca_module.session.registering import registers
-from tca_module.session.request import HARMLESS, Request, check_fields, is_for_any_central, refers_to_tasks
+from tca_module.session.request import (
+    HARMLESS,
+    Request,
+    check_fields,
+    is_for_any_central,
+    refers_to_tasks,
+)
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe, Requested
@@ -37,61 +45,94 @@ IDLE = 45.0  # the same for who waits for nothing in particular: central beats e
 REPEAT = 1.0  # seconds between two such questions
 CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
 PREFETCH = 64  # messages that a slot takes ahead
-_REPLIES_KEPT = PREFETCH + 8  # to be said again after a break, until a further delivery shows that they arrived
+_REPLIES_KEPT = (
+    PREFETCH + 8
+)  # to be said again after a break, until a further delivery shows that they arrived
 
-# Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
+# Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if
+# Hello is due again.
 _ARE_YOU_THERE = headers.Register(0, [], [])
 
 _SPENT = headers.Send(0, "")
 
 
 def quiet_within(patience: float, *, is_idle: bool = False) -> float:
-    """The seconds of silence after which one who loses patience after so many asks central for a word."""
+    """The seconds of silence after which one who loses patience after so many asks central for a
+    word.
+    """
     return min(IDLE if is_idle else QUIET, 0.75 * patience)
 
 
 class Session:
     """The state of one connection to central."""
 
-    replace_slot: Callable[[int, str], object] | None = None  #: opens another slot for one that hangs
+    replace_slot: Callable[[int, str], object] | None = (
+        None  #: opens another slot for one that hangs
+    )
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
-        """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
+        """*attachments*: of the module, where it has several connections; the first one attaches
+        them anew.
+        """
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self._newest = HELLO_NUMBER
         self.requests: dict[int, Request] = {}  #: not over, by number, oldest first
         self.messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
-        self._is_ready = False  #: central was told that all is attached that is attached at the start
+        self._is_ready = (
+            False  #: central was told that all is attached that is attached at the start
+        )
         self.sends = TaskSends()  #: tasks that were sent without waiting
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
-        self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
+        self._locks: WeakValueDictionary[int, Request] = (
+            WeakValueDictionary()
+        )  #: granted, as long as anybody has them
         self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
         """By delivery, oldest first: central may not have got these yet."""
         self._asked = float("-inf")  #: when central was last asked for a word
-        self.asked_since = float("-inf")  #: when it was first asked for the one that it owes, if it does
+        self.asked_since = float(
+            "-inf"
+        )  #: when it was first asked for the one that it owes, if it does
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
-        self.held = HeldReplies()  #: those in ``outgoing`` that leave together when a turn has ended
-        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled now, within a wait as well
-        self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled when all before them have been
-        self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
-        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()  #: headers about direct messages
+        self.held = (
+            HeldReplies()
+        )  #: those in ``outgoing`` that leave together when a turn has ended
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = (
+            deque()
+        )  #: to be handled now, within a wait as well
+        self.ahead: deque[tuple[headers.Deliver, bytes]] = (
+            deque()
+        )  #: to be handled when all before them have been
+        self.news: deque[Callable[[], None]] = (
+            deque()
+        )  #: to be called by the thread that owns the connection, soon
+        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = (
+            deque()
+        )  #: headers about direct messages
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
-        self.dropped = self.doubtful = 0  #: informs and broadcasts that never left, or were on their way in a break
-        self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
+        self.dropped = self.doubtful = (
+            0  #: informs and broadcasts that never left, or were on their way in a break
+        )
+        self._posted = self._arrived = (
+            0  #: statements sent on this connection; those of which central has had word
+        )
         self._confirming: Request | None = None  #: asks central for a word
         self._replies_before: list[int] = []  #: the deliveries that were answered before that
         self.is_welcome, self.breaks = False, 0  #: central has welcomed it; how often it has broken
-        self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
+        self.is_to_withdraw = (
+            False  #: central is to be told that nothing is handled any more; set by any thread
+        )
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
         self.attachments = LastingAttachments() if attachments is None else attachments
         own = LastingAttachments() if hello.connection else self.attachments
-        self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
+        self.redeclaration = Redeclaration(
+            own, self.request, self.complaints.append, self._declare_handlers
+        )
 
-    # --- calls of the module ---------------------------------------------------------------------------------------
+    # --- calls of the module ----------------------------------------------------------------------
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
@@ -106,8 +147,8 @@ class Session:
         return request
 
     def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
-        """Send a task, or change the state of one, as *what* says, without waiting for central's word; what it comes to
-        is among ``sends`` if that is bad.
+        """Send a task, or change the state of one, as *what* says, without waiting for central's
+        word; what it comes to is among ``sends`` if that is bad.
         """
         check_fields(header)
         if isinstance(header, headers.Send):
@@ -119,7 +160,12 @@ class Session:
         return request
 
     def _send(self, request: Request) -> None:
-        request.was_sent, request.epoch, request.mark, request.seen = True, self.epoch, self._posted, 0
+        request.was_sent, request.epoch, request.mark, request.seen = (
+            True,
+            self.epoch,
+            self._posted,
+            0,
+        )
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
@@ -145,7 +191,9 @@ class Session:
         self.outgoing.append((header, body))
         if is_statement:
             self._posted += 1
-            if self.unheard >= CONFIRM_EVERY and (self._confirming is None or self._confirming.is_over):
+            if self.unheard >= CONFIRM_EVERY and (
+                self._confirming is None or self._confirming.is_over
+            ):
                 self.confirm()
         return True
 
@@ -164,8 +212,8 @@ class Session:
 
     @property
     def lost(self) -> int:
-        """The number of statements that did not reach central, or may not have when the connection broke; and of tasks
-        that may not have when central ended.
+        """The number of statements that did not reach central, or may not have when the connection
+        broke; and of tasks that may not have when central ended.
         """
         return self.dropped + self.doubtful + len(self.sends.lost)
 
@@ -180,8 +228,8 @@ class Session:
         return self.held.joined(outgoing, clock()) if self.held.ended else outgoing
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
-        """A handler ended. Nothing is said of a delivery that central has forgotten. Returns whether it is held until
-        its turn has ended.
+        """A handler ended. Nothing is said of a delivery that central has forgotten. Returns
+        whether it is held until its turn has ended.
         """
         if not self.open_deliveries.end(header.delivery):
             return False
@@ -210,11 +258,13 @@ class Session:
     @property
     def is_claiming(self) -> bool:
         """Whether a claim is open: what has to wait for it may yet come ahead."""
-        return any(isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values())
+        return any(
+            isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values()
+        )
 
     def make_way(self, header: headers.ToCentral) -> None:
-        """Give back what came ahead before a claim, which might wait for it. Where no handler runs, but a callback, the
-        next stays: central has given it to this slot by now, or recalls it.
+        """Give back what came ahead before a claim, which might wait for it. Where no handler runs,
+        but a callback, the next stays: central has given it to this slot by now, or recalls it.
         """
         if isinstance(header, headers.Lock) and self.ahead:
             kept = [self.ahead.popleft()] if self.has_next else []
@@ -222,14 +272,26 @@ class Session:
             self.ahead.extend(kept)
 
     def give_back(self, wanted: Collection[int] | None = None) -> None:
-        """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of all)."""
-        back = [header.delivery for header, _ in self.ahead if wanted is None or header.delivery in wanted]
+        """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of
+        all).
+        """
+        back = [
+            header.delivery
+            for header, _ in self.ahead
+            if wanted is None or header.delivery in wanted
+        ]
         self.ahead = deque(one for one in self.ahead if one[0].delivery not in back)
         for delivery in back:
             self.open_deliveries.end(delivery)
         self.post(headers.Recalled(back, is_answer=wanted is not None))
 
-    def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool = False) -> None:
+    def declared(
+        self,
+        messages: list[MessageFormat],
+        handlers: list[HandlerFormat],
+        *,
+        is_ready: bool = False,
+    ) -> None:
         """Remember what central has accepted, to declare it again after a restart."""
         self.messages.update({message.name: message for message in messages})
         self._handlers.update({handler.message: handler for handler in handlers})
@@ -240,12 +302,12 @@ class Session:
         self._handlers.clear()
         self.attachments.clear()
 
-    # --- the connection --------------------------------------------------------------------------------------------
+    # --- the connection ---------------------------------------------------------------------------
 
     def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
-        """Do what it is time for; when there is more to do, if nothing arrives before. After a silence central is asked
-        for a word, every second. *since* is when somebody began to listen, *quiet* the seconds that it may have nothing
-        to say.
+        """Do what it is time for; when there is more to do, if nothing arrives before. After a
+        silence central is asked for a word, every second. *since* is when somebody began to listen,
+        *quiet* the seconds that it may have nothing to say.
         """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
@@ -269,7 +331,9 @@ class Session:
         self.is_welcome = False
         dropped = self.dropped
         for header, _ in self.outgoing:
-            self.dropped += isinstance(header, headers.Send | headers.SetVariable) and not header.number
+            self.dropped += (
+                isinstance(header, headers.Send | headers.SetVariable) and not header.number
+            )
             if (request := self.requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
         self.doubtful += self.unheard - (self.dropped - dropped)
@@ -302,29 +366,38 @@ class Session:
         if is_back and is_anything and (self.redeclaration.is_over or not is_new):
             is_over, messages = self.redeclaration.is_over, list(self.messages.values())
             handlers = list(self._handlers.values()) if is_over else []
-            # Number 0: a new number would be higher than those repeated below, which central would take for answered.
+            # Number 0: a new number would be higher than those repeated below, which central would
+            # take for answered.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if is_back and not is_new:
             self._declare_what_may_be_forgotten()
             self._observe_anew()
         for request in self.requests.values():
             request.repeated = request.was_sent
-            if request.what and isinstance(request.header, headers.Send):  # it is answered by itself
+            if request.what and isinstance(
+                request.header, headers.Send
+            ):  # it is answered by itself
                 request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
         self.outgoing += self._replies.values()
 
     def _declare_what_may_be_forgotten(self) -> None:
-        """Declare the handlers that central may have accepted, and forgotten with the connection: to the repeated
-        request it only gives the answer that it gave then.
+        """Declare the handlers that central may have accepted, and forgotten with the connection:
+        to the repeated request it only gives the answer that it gave then.
         """
         for header in [request.header for request in self.requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
                 self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
 
     def _observe_anew(self) -> None:
-        """Observe under new numbers: what central has told meanwhile is lost, and now it tells how things stand."""
-        observing = [one for one in self.requests.values() if isinstance(one.header, Observe) and one.was_sent]
+        """Observe under new numbers: what central has told meanwhile is lost, and now it tells how
+        things stand.
+        """
+        observing = [
+            one
+            for one in self.requests.values()
+            if isinstance(one.header, Observe) and one.was_sent
+        ]
         for request in observing:
             number = request.header.number
             del self.requests[number]
@@ -347,8 +420,12 @@ class Session:
         if self._handlers or self._is_ready:
             self._declare([], list(self._handlers.values()), is_ready=self._is_ready)
 
-    def _declare(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool) -> None:
-        self.outgoing += [(header, b"") for header in registers(messages, handlers, is_ready=is_ready)]
+    def _declare(
+        self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool
+    ) -> None:
+        self.outgoing += [
+            (header, b"") for header in registers(messages, handlers, is_ready=is_ready)
+        ]
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
@@ -385,10 +462,14 @@ class Session:
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
         request = self._answered(header.number)
-        was_not_sent = request is not None and isinstance(request.header, headers.Send) and not header.id
+        was_not_sent = (
+            request is not None and isinstance(request.header, headers.Send) and not header.id
+        )
         if request is not None and (was_not_sent or not request.wants_answer):
             asked = request.header
-            what = numbered(asked.message if isinstance(asked, headers.Send) else "number", header.id)
+            what = numbered(
+                asked.message if isinstance(asked, headers.Send) else "number", header.id
+            )
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self.messages, number)
@@ -416,8 +497,9 @@ class Session:
             self.end(request)
 
     def _not_welcome(self, header: headers.Refused) -> None:
-        """Central refused Hello; with number 0 if it could not even read it, because it is of another version, or lets
-        this connection in no more. It answers nothing: so all that waits for it is over. Hello is repeated.
+        """Central refused Hello; with number 0 if it could not even read it, because it is of
+        another version, or lets this connection in no more. It answers nothing: so all that waits
+        for it is over. Hello is repeated.
         """
         if not header.number and header.refusal is Refusal.PROTOCOL:
             other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
@@ -435,7 +517,9 @@ class Session:
         self._locks.clear()
 
     def _refuse(self, request: Request) -> None:
-        """A request that central will not answer is over, unless it declares again what central is to know."""
+        """A request that central will not answer is over, unless it declares again what central is
+        to know.
+        """
         if request.settled is None:
             request.refused = self.refused
             self.end(request)
@@ -485,8 +569,14 @@ class Session:
         if request.lost:
             self.sends.lost.append(request)
         elif request.refused is None:
-            request.header, request.body, request.after = _SPENT, b"", []  # its id may be kept for ever
-        elif request.refused.refusal is Refusal.TOO_LATE and isinstance(request.header, ChangeState):
+            request.header, request.body, request.after = (
+                _SPENT,
+                b"",
+                [],
+            )  # its id may be kept for ever
+        elif request.refused.refusal is Refusal.TOO_LATE and isinstance(
+            request.header, ChangeState
+        ):
             self.complaints.append(request.why_failed)  # who is late need not have known it
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
@@ -497,7 +587,9 @@ class Session:
         if header.delivery in self.open_deliveries:
             return  # after a reconnect central repeats deliveries it is not sure of
         if (reply := self._replies.get(header.delivery)) is not None:
-            self.outgoing.append(reply)  # it may have been lost: with the power of central's computer, after it came
+            self.outgoing.append(
+                reply
+            )  # it may have been lost: with the power of central's computer, after it came
             return
         # Central knows of so many without an answer; it has got the answers of all before these.
         self._keep_replies(max(0, header.ahead - len(self.open_deliveries)))
@@ -506,7 +598,9 @@ class Session:
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
-        if lock is not None:  # the answer that grants it may have been lost, and comes again after this
+        if (
+            lock is not None
+        ):  # the answer that grants it may have been lost, and comes again after this
             lock.taken = header.text
 
     def _on_replace(self, header: headers.Replace, _: bytes) -> None:
@@ -515,13 +609,17 @@ class Session:
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self.requests.get(header.number)) is not None:
-            request.was_sent = request.repeated  # it was not done; and if sent only once, by nobody else
+            request.was_sent = (
+                request.repeated
+            )  # it was not done; and if sent only once, by nobody else
         if self.is_welcome:
             self.break_off()
 
     def _on_closing(self, header: headers.Closing, _: bytes) -> None:
         if not self._hello.connection:  # one of the module's connections says it for all
-            self.complaints.append(f"central ends: {header.text}" if header.text else "central ends")
+            self.complaints.append(
+                f"central ends: {header.text}" if header.text else "central ends"
+            )
         self.break_off()
 
     _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {
@@ -531,11 +629,15 @@ class Session:
         headers.Refused: _on_refused,
         headers.Answer: _on_answer,
         headers.Deliver: _on_deliver,
-        headers.Cancelled: lambda self, header, _: self.open_deliveries.kill(header.delivery, header.why),
+        headers.Cancelled: lambda self, header, _: self.open_deliveries.kill(
+            header.delivery, header.why
+        ),
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
-        Requested: lambda self, header, body: self.news.extend(self.open_deliveries.request(header, body)),
+        Requested: lambda self, header, body: self.news.extend(
+            self.open_deliveries.request(header, body)
+        ),
         headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,

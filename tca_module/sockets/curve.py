@@ -1,4 +1,6 @@
-"""Keys on this program's sockets to central: over TCP they encrypt, and prove who is at either end."""
+"""Keys on this program's sockets to central: over TCP they encrypt, and prove who is at either
+end.
+"""
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -7,15 +9,20 @@ from tca_module.errors import MisuseError
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import NO_KEY, VARIABLE, ClientKey, client_key
 
-_ANSWERED_WITHIN = 2500  # milliseconds: after two seconds central ends a handshake that comes to nothing
-_EVENTS = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | (
-    zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
-)  # fmt: skip
+_ANSWERED_WITHIN = (
+    2500  # milliseconds: after two seconds central ends a handshake that comes to nothing
+)
+_EVENTS = (
+    zmq.EVENT_HANDSHAKE_SUCCEEDED
+    | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+    | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+    | (zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+)
 
 
 def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
-    """Have a socket show this program's key to the central at *address*, and to no other; before it connects. Returns
-    the key; None: none is shown. Raises MisuseError.
+    """Have a socket show this program's key to the central at *address*, and to no other; before it
+    connects. Returns the key; None: none is shown. Raises MisuseError.
     """
     key = key_for(address)
     if key is not None:
@@ -39,7 +46,9 @@ def key_for(address: str) -> ClientKey | None:
 
 
 def make_server(socket: "zmq.Socket[bytes]") -> str:
-    """Have a socket speak only to those who know its public key, which is new; before it is bound. Returns the key."""
+    """Have a socket speak only to those who know its public key, which is new; before it is bound.
+    Returns the key.
+    """
     public, secret = zmq.curve_keypair()
     socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
@@ -47,13 +56,17 @@ def make_server(socket: "zmq.Socket[bytes]") -> str:
 
 
 def speak_only_to(socket: "zmq.Socket[bytes]", server: str) -> None:
-    """Have a socket speak to whoever has the secret half of a key, and show a pair that nobody knows."""
+    """Have a socket speak to whoever has the secret half of a key, and show a pair that nobody
+    knows.
+    """
     public, secret = zmq.curve_keypair()
     put_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
 
 def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
-    """What is wrong with the key that this program shows the central at *address*; "" if nothing is. Takes a moment."""
+    """What is wrong with the key that this program shows the central at *address*; "" if nothing
+    is. Takes a moment.
+    """
     if not address.startswith("tcp://"):
         return ""
     with context.socket(zmq.DEALER) as socket:
@@ -65,7 +78,9 @@ def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> s
         monitor = socket.get_monitor_socket(_EVENTS)
         try:
             socket.connect(address)
-            event = recv_monitor_message(monitor)["event"] if monitor.poll(_ANSWERED_WITHIN) else None
+            event = (
+                recv_monitor_message(monitor)["event"] if monitor.poll(_ANSWERED_WITHIN) else None
+            )
         finally:
             socket.disable_monitor()
             monitor.close(0)

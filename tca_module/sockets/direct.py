@@ -1,8 +1,8 @@
 """The sockets of direct messages: a slot's entrance, and a sender's way to one.
 
-An entrance can be reached by those who reach central: it lies in the folder of central's socket, or listens on the
-interface of this computer from which central is reached. Where central asks for keys it has one of its own, that
-central gives to those who may send to it.
+An entrance can be reached by those who reach central: it lies in the folder of central's socket, or
+listens on the interface of this computer from which central is reached. Where central asks for keys
+it has one of its own, that central gives to those who may send to it.
 """
 
 import contextlib
@@ -67,7 +67,9 @@ class EntranceSocket(_DirectSocket):
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
         self.is_paused = False  #: packets stay in the socket
-        public_key = make_server(self._socket) if key_for(central) is not None else ""  # whoever connects needs it
+        public_key = (
+            make_server(self._socket) if key_for(central) is not None else ""
+        )  # whoever connects needs it
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             endpoint = _bind(self._socket, central)
@@ -108,8 +110,9 @@ class PathSocket(_DirectSocket):
 
     def __init__(self, entrance: Entrance) -> None:
         super().__init__(zmq.DEALER)
-        # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when the far end closes,
-        # and that would be the last answers of a slot. What waits for a slot that is gone is bounded by the count.
+        # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when
+        # the far end closes, and that would be the last answers of a slot. What waits for a slot
+        # that is gone is bounded by the count.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
             if entrance.curve:
@@ -141,7 +144,9 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     """Listen where those who reach *central* reach it too; the endpoint."""
     if central.startswith("tcp://"):
         name, _, port = central.removeprefix("tcp://").rpartition(":")
-        family, _, _, _, address = sockets.getaddrinfo(name.strip("[]"), int(port), type=sockets.SOCK_DGRAM)[0]
+        family, _, _, _, address = sockets.getaddrinfo(
+            name.strip("[]"), int(port), type=sockets.SOCK_DGRAM
+        )[0]
         with sockets.socket(family, sockets.SOCK_DGRAM) as probe:
             probe.connect(address)  # sends nothing
             host = str(probe.getsockname()[0])  # of this computer, from which central is reached

@@ -1,6 +1,8 @@
-"""The pulse of this process: a socket that echoes central's packets, so that central sees that the process lives.
+"""The pulse of this process: a socket that echoes central's packets, so that central sees that the
+process lives.
 
-ZeroMQ's own C code echoes them, without Python's lock (docs/decisions/0063-the-pulse-of-a-process.md).
+ZeroMQ's own C code echoes them, without Python's lock
+(docs/decisions/0063-the-pulse-of-a-process.md).
 """
 
 import contextlib
@@ -23,11 +25,14 @@ KEEPALIVE = (
 
 
 class Pulse:
-    """One for all connections of this process to one central: ``pulse_to`` gives it, ``release`` ends its use."""
+    """One for all connections of this process to one central: ``pulse_to`` gives it, ``release``
+    ends its use.
+    """
 
     def __init__(self, address: str) -> None:
         self.users = 0
-        # A routing id of one's own is safe here: nobody else has it, and a line that it shuts out is only not watched.
+        # A routing id of one's own is safe here: nobody else has it, and a line that it shuts out
+        # is only not watched.
         self.name = b"pulse " + token_hex(8).encode()  #: its routing id
         self._key = os.getpid(), address  # after a fork the child has a pulse of its own
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -38,7 +43,9 @@ class Pulse:
         show_key(socket, address)
         socket.connect(address)
         beats = threading.Event()
-        self._thread = threading.Thread(target=_send_back, args=(socket, beats), name="pulse", daemon=True)
+        self._thread = threading.Thread(
+            target=_send_back, args=(socket, beats), name="pulse", daemon=True
+        )
         self._thread.start()
         beats.wait()  # before central hears of it, and before anybody keeps Python's lock
 
@@ -59,7 +66,10 @@ _OPTIONS = (
     (zmq.LINGER, 0),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 500),
-    (zmq.CONNECT_TIMEOUT, 5000),  # else the kernel tries for minutes to reach a computer that is away
+    (
+        zmq.CONNECT_TIMEOUT,
+        5000,
+    ),  # else the kernel tries for minutes to reach a computer that is away
     *KEEPALIVE,  # it only answers: by itself it would never notice that there is nobody any more
 )
 _lock = threading.Lock()

@@ -1,4 +1,6 @@
-"""Carries packets between one connection and central, and waits for them together with other files."""
+"""Carries packets between one connection and central, and waits for them together with other
+files.
+"""
 
 import contextlib
 import errno
@@ -21,15 +23,20 @@ from tca_module.sockets.curve import show_key
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
-    # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).
+    # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind
+    # (libzmq #2892).
     (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
-    (zmq.PROBE_ROUTER, 1),  # an empty message on each new line: a central that does not know us says so at once
+    (
+        zmq.PROBE_ROUTER,
+        1,
+    ),  # an empty message on each new line: a central that does not know us says so at once
     (zmq.SNDHWM, 1000),
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 500),  # a restarted central has everybody back within a second
-    # No HEARTBEAT_IVL: one that is due while a socket lingers whose far end has closed ends the process (libzmq 4.3.5:
-    # "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
+    # No HEARTBEAT_IVL: one that is due while a socket lingers whose far end has closed ends the
+    # process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line
+    # by itself.
     *KEEPALIVE,
 )
 
@@ -42,14 +49,18 @@ class Beside(Protocol):
     """Something that is waited for together with packets from central."""
 
     def fileno(self) -> int:
-        """A file that becomes readable when there may be something: ask ``has_arrived`` before each wait for it."""
+        """A file that becomes readable when there may be something: ask ``has_arrived`` before each
+        wait for it.
+        """
 
     def has_arrived(self) -> bool:
         """Whether there is something to do."""
 
 
 class Transport(Beside, Protocol):
-    """Carries packets to one central and back; may lose them when the connection breaks, but keeps their order."""
+    """Carries packets to one central and back; may lose them when the connection breaks, but keeps
+    their order.
+    """
 
     @property
     def address(self) -> str:
@@ -59,12 +70,14 @@ class Transport(Beside, Protocol):
         """Send, waiting so long for central to be there and take it; whether it left."""
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        """The next packet; None if there is none in time, or something else has happened, such as *alarm*: a moment
-        of the clock on which callbacks are due.
+        """The next packet; None if there is none in time, or something else has happened, such as
+        *alarm*: a moment of the clock on which callbacks are due.
         """
 
     def files(self) -> Collection[int]:
-        """The files of which one becomes readable when there may be something, or ``wake`` is called."""
+        """The files of which one becomes readable when there may be something, or ``wake`` is
+        called.
+        """
 
     def waker(self) -> "Waker":
         """Ends waits from other threads; from now on ``wake`` takes effect at once."""
@@ -79,7 +92,9 @@ class Transport(Beside, Protocol):
         """The seconds to wait for a moment of that clock; the thread pauses until then."""
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
-        """The block in which its thread waits for files, of which this is one; ``receive`` has no need of it."""
+        """The block in which its thread waits for files, of which this is one; ``receive`` has no
+        need of it.
+        """
 
     def close(self) -> None:
         """Close; packets already sent still leave, for a second."""
@@ -129,20 +144,24 @@ _ONE = (1).to_bytes(8, sys.byteorder)  # what an eventfd takes; a pipe takes any
 
 
 def is_anybody_there(address: str) -> bool:
-    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``), as it does for a stopped
-    process, but not for one that has ended.
+    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``), as it
+    does for a stopped process, but not for one that has ended.
     """
     try:
         _probe(address).close()
     except OSError as error:
-        return error.errno == errno.EAGAIN  # of a Unix socket: more have come than a process that stands still took
+        return (
+            error.errno == errno.EAGAIN
+        )  # of a Unix socket: more have come than a process that stands still took
     except ValueError:
         return False
     return True
 
 
 def is_turned_away(address: str) -> bool:
-    """Whether those who connect to *address* are cut off at once, as by a central that has too many connections."""
+    """Whether those who connect to *address* are cut off at once, as by a central that has too many
+    connections.
+    """
     try:
         with _probe(address) as probe:
             return not probe.recv(1)
@@ -170,8 +189,8 @@ _NO_PAUSE = contextlib.nullcontext()
 
 
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
-    """Wait, at most so many seconds, until *transport* or one of the *files* (their numbers) has something to read.
-    Returns the files that have; False: that one is not open.
+    """Wait, at most so many seconds, until *transport* or one of the *files* (their numbers) has
+    something to read. Returns the files that have; False: that one is not open.
     """
     poll = select.poll()
     for file in (*transport.files(), *files):
@@ -255,7 +274,10 @@ class DealerTransport:
         return self.receive(0)
 
     def _receive_soon(self, timeout_seconds: float) -> bytes | None:
-        socket, milliseconds = self._socket, int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
+        socket, milliseconds = (
+            self._socket,
+            int(timeout_seconds * 1000) + 1,
+        )  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
             self._receive_timeout = milliseconds
             socket.setsockopt(zmq.RCVTIMEO, milliseconds)
@@ -280,7 +302,9 @@ class DealerTransport:
         return self._all
 
     def has_arrived(self) -> bool:
-        """Whether there is something to receive, here or beside, or ``wake`` was called since this was asked last."""
+        """Whether there is something to receive, here or beside, or ``wake`` was called since this
+        was asked last.
+        """
         is_woken = self._waker.clear()
         arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
@@ -298,11 +322,15 @@ class DealerTransport:
         return _NO_PAUSE
 
     def fileno(self) -> int:
-        """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+        """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait
+        for it.
+        """
         return self._together().fileno()
 
     def files(self) -> Collection[int]:
-        """The files of which one becomes readable when there may be something, or ``wake`` is called."""
+        """The files of which one becomes readable when there may be something, or ``wake`` is
+        called.
+        """
         return self._file, self._waker.fileno(), *self._beside.values()
 
     def waker(self) -> Waker:

@@ -1,6 +1,8 @@
-"""Advice on making a run shorter, and by how much at most: from the critical path and from idle resources. Pure.
+"""Advice on making a run shorter, and by how much at most: from the critical path and from idle
+resources. Pure.
 
-Each piece of advice has a bound of its own. They may be about the same seconds, so bounds must not be added up.
+Each piece of advice has a bound of its own. They may be about the same seconds, so bounds must not
+be added up.
 """
 
 from collections import defaultdict
@@ -70,9 +72,9 @@ def advice(
     at_least: float,
     other: CriticalPath | None = None,
 ) -> list[Advice]:
-    """All advice that bears on at least so many seconds: first what shortens the critical path most, then what lies
-    beside it, or would only shorten *other*, the path of another task. No bound is more than the run is long, and none
-    of what lies on a path more than that is.
+    """All advice that bears on at least so many seconds: first what shortens the critical path
+    most, then what lies beside it, or would only shorten *other*, the path of another task. No
+    bound is more than the run is long, and none of what lies on a path more than that is.
     """
     handling, least = span_of(run), max(at_least, _NOTHING)
     found = [_on_overlap(run, path, overlap) for overlap in overlaps]
@@ -97,9 +99,16 @@ def advice(
 
 
 def _of_spans(
-    said: Words, spans: list[Span], window: Span, told: list[str], on_path: float | None = None, **known: str
-) -> Advice:  # fmt: skip
-    """Advice about what took some spans of a window, where they overlap once; *told* describes each."""
+    said: Words,
+    spans: list[Span],
+    window: Span,
+    told: list[str],
+    on_path: float | None = None,
+    **known: str,
+) -> Advice:
+    """Advice about what took some spans of a window, where they overlap once; *told* describes
+    each.
+    """
     saving = Cover(spans).within(*window)
     longest = max(range(len(spans)), key=lambda place: spans[place][1] - spans[place][0])
     moves_end = saving if on_path is None else min(on_path, saving)
@@ -108,12 +117,14 @@ def _of_spans(
     return said.filled(saving, moves_end, len(spans), example, span, **known)
 
 
-# --- failures ------------------------------------------------------------------------------------------------------
+# --- failures -------------------------------------------------------------------------------------
 
 
-def _on_failures(path: CriticalPath, kinds: list[FailureKind], window: Span, called: str) -> Iterator[Advice]:
-    """The failures of a kind that were overcome, and whose handlers were on the path: what they took. A failure that
-    ended something made the run shorter.
+def _on_failures(
+    path: CriticalPath, kinds: list[FailureKind], window: Span, called: str
+) -> Iterator[Advice]:
+    """The failures of a kind that were overcome, and whose handlers were on the path: what they
+    took. A failure that ended something made the run shorter.
     """
     ends = {(step.message_id, step.end) for step in path.steps}
     for kind in kinds:
@@ -125,10 +136,12 @@ def _on_failures(path: CriticalPath, kinds: list[FailureKind], window: Span, cal
                 spans.append(case.span)
         failure, message = kind.failure, kind.message
         if spans:
-            yield _of_spans(words.FAILED, spans, window, told, failure=failure, message=message, path=called)
+            yield _of_spans(
+                words.FAILED, spans, window, told, failure=failure, message=message, path=called
+            )
 
 
-# --- planning while acting -----------------------------------------------------------------------------------------
+# --- planning while acting ------------------------------------------------------------------------
 
 
 def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice:
@@ -144,41 +157,69 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
         f"{run.describe(chance.second)}: {why_held(run, chance.held)}"
     )
     return words.OVERLAP.filled(
-        overlap.saving, saved_on_path, len(chances), example, (chance.start, chance.end),
-        acting=place(*chance.acting), remedy=overlap.remedy,
+        overlap.saving,
+        saved_on_path,
+        len(chances),
+        example,
+        (chance.start, chance.end),
+        acting=place(*chance.acting),
+        remedy=overlap.remedy,
         pair=f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'",
         seconds=duration(sum(one.end - one.start for one in chances)),
         planning=duration(sum(step.seconds for one in chances for step in one.steps)),
-        planners=listed(list(dict.fromkeys(place(step.module, step.resource) for step in chance.steps))),
-    )  # fmt: skip
+        planners=listed(
+            list(dict.fromkeys(place(step.module, step.resource) for step in chance.steps))
+        ),
+    )
 
 
-# --- queues that grow -----------------------------------------------------------------------------------------------
+# --- queues that grow -----------------------------------------------------------------------------
 
 
 def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
-    """A queue that only grows; instead of what there is to say of the waits in it that lie on the path."""
+    """A queue that only grows; instead of what there is to say of the waits in it that lie on the
+    path.
+    """
     name = place(*queue.key)
     title = words.QUEUE.title.format(name=name)
     waits = next((one for one in on_path if one.title == title), None)
-    example = f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
+    example = (
+        f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
+    )
     longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
     return words.GROWING.filled(
-        max(longest, waits.saving if waits else 0.0), waits.on_path if waits else 0.0,
-        queue.length, example, (queue.start, queue.end),
-        name=name, rate_in=f"{queue.rate_in:.3g}", rate_out=f"{queue.rate_out:.3g}", start=run_time(queue.start),
-        end=run_time(queue.end), length=f"{queue.length:,}", message=queue.message,
-        drain=duration(queue.length / queue.rate_out), needed=f"{queue.needed:,}", capacity=f"{queue.capacity:,}",
-    )  # fmt: skip
+        max(longest, waits.saving if waits else 0.0),
+        waits.on_path if waits else 0.0,
+        queue.length,
+        example,
+        (queue.start, queue.end),
+        name=name,
+        rate_in=f"{queue.rate_in:.3g}",
+        rate_out=f"{queue.rate_out:.3g}",
+        start=run_time(queue.start),
+        end=run_time(queue.end),
+        length=f"{queue.length:,}",
+        message=queue.message,
+        drain=duration(queue.length / queue.rate_out),
+        needed=f"{queue.needed:,}",
+        capacity=f"{queue.capacity:,}",
+    )
 
 
-# --- waits on the critical path -------------------------------------------------------------------------------------
+# --- waits on the critical path -------------------------------------------------------------------
 
 
 def _on_waits(
-    run: Run, held_up: Iterable[HeldUp], path: CriticalPath, window: Span, uses: list[Use], called: str
-) -> Iterator[Advice]:  # fmt: skip
-    """Advice for each kind of wait that lies on a path within a window; *called* is what to call the path."""
+    run: Run,
+    held_up: Iterable[HeldUp],
+    path: CriticalPath,
+    window: Span,
+    uses: list[Use],
+    called: str,
+) -> Iterator[Advice]:
+    """Advice for each kind of wait that lies on a path within a window; *called* is what to call
+    the path.
+    """
     by_name = {use.name: use for use in uses}
     for held in held_up:
         yield _on_wait(run, held, by_name, window, called)
@@ -203,10 +244,18 @@ def _on_wait(run: Run, held: HeldUp, uses: dict[str, Use], window: Span, called:
             saving = rest
             but = f": what it has to do would still take {duration(least)}"
     return longest.words.filled(
-        saving, saving, len(held.waits), _longest(run, longest, step), (longest.start, longest.end),
-        name=longest.name, seconds=duration(held.seconds), busy=busy, but=but, path=called,
+        saving,
+        saving,
+        len(held.waits),
+        _longest(run, longest, step),
+        (longest.start, longest.end),
+        name=longest.name,
+        seconds=duration(held.seconds),
+        busy=busy,
+        but=but,
+        path=called,
         most="that" if duration(saving) == duration(held.seconds) else duration(saving),
-    )  # fmt: skip
+    )
 
 
 def _longest(run: Run, wait: Before, step: PathStep) -> str:
@@ -218,11 +267,13 @@ def _longest(run: Run, wait: Before, step: PathStep) -> str:
     return told + still_handled(run, asked, wait.end)
 
 
-# --- standstills, on the critical path or beside it -----------------------------------------------------------------
+# --- standstills, on the critical path or beside it -----------------------------------------------
 
 
 def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:
-    """Of messages that nobody handled, and of suspended tasks: how long at most one of a name stood."""
+    """Of messages that nobody handled, and of suspended tasks: how long at most one of a name
+    stood.
+    """
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
         if (topic := _STANDING.get(step.doing)) is not None:
@@ -256,17 +307,22 @@ def _stood(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
 _STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
 
 
-# --- how often for what the critical path waits, and by how much sooner it could end ---------------------------------
+# --- how often for what the critical path waits, and by how much sooner it could end --------------
 
-# Waits in one queue overlap: who stands last in it waits for all the others, and no one can win more than his own wait.
-# So the path is walked back once more, and wherever a step began after a wait of the kind that is looked at, the walk
-# goes on not with what was waited for but with whoever began to wait, at the time when he did. All that this walk
-# passes through had to happen before the end even if nobody had ever waited so; what it left out, and no more, could
-# have been saved. The spans left out do not overlap, so they are never more than the path is long.
+# Waits in one queue overlap: who stands last in it waits for all the others, and no one can win
+# more than his own wait. So the path is walked back once more, and wherever a step began after a
+# wait of the kind that is looked at, the walk goes on not with what was waited for but with whoever
+# began to wait, at the time when he did. All that this walk passes through had to happen before the
+# end even if nobody had ever waited so; what it left out, and no more, could have been saved. The
+# spans left out do not overlap, so they are never more than the path is long.
 
 
-def _held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> Iterator[HeldUp]:
-    """The waits before the steps of a path, where they took *at_least* so many seconds in a window."""
+def _held_up(
+    run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float
+) -> Iterator[HeldUp]:
+    """The waits before the steps of a path, where they took *at_least* so many seconds in a
+    window.
+    """
     found: dict[tuple[Words, str], list[tuple[Before, PathStep]]] = {}
     for step in path.steps:
         if before := _before(run, step):
@@ -279,7 +335,9 @@ def _held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_leas
 
 
 def _before(run: Run, step: PathStep) -> Before | None:
-    """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was neither."""
+    """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was
+    neither.
+    """
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
         module, resource = queueing.module, queueing.resource
@@ -319,7 +377,9 @@ def _left_out(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
 
 
 def _not_unhandled(run: Run, step: PathStep) -> Iterator[Span]:
-    """The wait before a step, without the time in which nobody handled what was asked: that is told of elsewhere."""
+    """The wait before a step, without the time in which nobody handled what was asked: that is told
+    of elsewhere.
+    """
     if (before := _before(run, step)) is None:
         return
     asked = run.messages.get(step.resumed.awaited) if step.resumed else None

@@ -33,7 +33,9 @@ class Advice:
     saving: float
     """At most so many seconds."""
     on_path: float
-    """How many of them lie on the critical path that the report shows first: only these make the end come sooner."""
+    """How many of them lie on the critical path that the report shows first: only these make the
+    end come sooner.
+    """
     times: int
     """How often it happened."""
     example: str
@@ -52,7 +54,9 @@ class Words(NamedTuple):
     text: str
     remedy: str
 
-    def filled(self, saving: float, on_path: float, number: int, example: str, window: Span, **known: str) -> Advice:
+    def filled(
+        self, saving: float, on_path: float, number: int, example: str, window: Span, **known: str
+    ) -> Advice:
         """The advice that these words make of what is *known*."""
         known["times"] = times(number)
         title, text, remedy = (one.format(**known) for one in self[1:])

@@ -1,10 +1,11 @@
 """The causes of any moment of a run: backwards through whatever was waited for last. Pure.
 
-Theory. An entry of the journal holds all that one event brought about, and no two entries have the same time. So the
-cause of what happened at a time is the event of that entry, and the entry says who asked for it: the run of a handler,
-which returned or sent something, a program outside of handlers, or nobody, if a time was due. A handler had worked
-since it was given its message, or since it last resumed from a wait; the event of *that* entry let it begin or resume;
-and so on, back to where somebody acted of his own will. What was cut off before it came to its end leads to what it
+Theory. An entry of the journal holds all that one event brought about, and no two entries have the
+same time. So the cause of what happened at a time is the event of that entry, and the entry says
+who asked for it: the run of a handler, which returned or sent something, a program outside of
+handlers, or nobody, if a time was due. A handler had worked since it was given its message, or
+since it last resumed from a wait; the event of *that* entry let it begin or resume; and so on, back
+to where somebody acted of his own will. What was cut off before it came to its end leads to what it
 waited for just then. Each step goes back in time, so a walk costs what it passes through.
 """
 
@@ -21,7 +22,16 @@ from tca_tools.explain.wait_words import wait_for
 from tca_tools.explain.waits import Node, Wait, has_come, node_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import ends_waited_for
-from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
+from tca_tools.journal.records import (
+    Claim,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    Suspension,
+    Task,
+)
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_ACHIEVING, Moment
 from tca_wire.text.waits_in_words import in_words
@@ -31,7 +41,9 @@ from tca_wire.waits import WaitKind
 
 @dataclass(slots=True)
 class _At:
-    """Where a walk stands: before *time*, in the run of a handler; or (None) at what happened to a message then."""
+    """Where a walk stands: before *time*, in the run of a handler; or (None) at what happened to a
+    message then.
+    """
 
     time: float
     message_id: int
@@ -58,17 +70,24 @@ class Causes:
         self._returned: dict[tuple[int, float | None], Handling] = {}  # a task may have thousands
         for message in run.messages.values():
             self._returned.update(((one.message_id, one.end), one) for one in message.handlings)
-        self._outside = {name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()}
+        self._outside = {
+            name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()
+        }
         self._over: dict[int, list[_Over]] = {}
         """The waits of handlers that were walked through, by their ends."""
 
-    def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[PathStep]:
-        """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
+    def back_from(
+        self, time: float, message_id: int = 0, handling: Handling | None = None
+    ) -> Iterator[PathStep]:
+        """The steps that led to what happened at *time* to a message, or that a handler did then;
+        the newest first.
+        """
         return self._back(_At(time, message_id, handling), lambda _: None)
 
     def back_before(self, step: PathStep, since: _Since) -> Iterator[PathStep]:
-        """The steps before *step*, newest first, as if there had been no waits before those for which *since* says from
-        when on they waited: from there the walk goes on with who waited, not with what he waited for.
+        """The steps before *step*, newest first, as if there had been no waits before those for
+        which *since* says from when on they waited: from there the walk goes on with who waited,
+        not with what he waited for.
         """
         start = since(step)
         return self._back(_before(step, step.start if start is None else start), since)
@@ -103,9 +122,10 @@ class Causes:
         return step, _At(start, wait.awaited if wait else number, wait=wait)
 
     def _as_ended(self, waits: Sequence[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
-        """Waits that are over, as they ended. What takes no time is over with the event that begins it; but a program
-        outside of handlers that looks so at the end of a task had to wait until that came. A wait in vain for a change
-        let nothing go on, nor did one that another's end had ended, of the first of several tasks.
+        """Waits that are over, as they ended. What takes no time is over with the event that begins
+        it; but a program outside of handlers that looks so at the end of a task had to wait until
+        that came. A wait in vain for a change let nothing go on, nor did one that another's end had
+        ended, of the first of several tasks.
         """
         found: list[_Over] = []
         ended = [(wait.end, wait) for wait in waits if wait.end is not None]
@@ -126,7 +146,7 @@ class Causes:
             found.append((end, since, wait) if is_last else (end, *found[-1][1:]))
         return found
 
-    # --- events and their origins --------------------------------------------------------------------------------
+    # --- events and their origins -----------------------------------------------------------------
 
     def _at_event(self, at: _At) -> _Back:
         """Of a message, a lock or a wait that was over then."""
@@ -144,8 +164,8 @@ class Causes:
         return (None, None) if at.wait is None else self._in_vain(at.wait, at.time)
 
     def _asker(self, at: _At, message: Message | None) -> Handling | None:
-        """The handler that returned then, or asked for what happened; one that was cut off while it waited did nothing.
-        Of several that were lost with their module it is that of the message.
+        """The handler that returned then, or asked for what happened; one that was cut off while it
+        waited did nothing. Of several that were lost with their module it is that of the message.
         """
         own = self._returned.get((message.id, at.time)) if message else None
         ended = own or self._run.asker_at(at.time)
@@ -154,7 +174,9 @@ class Causes:
         return ended if ended.start < at.time else None
 
     def _by(self, module: str, by: Handling | None, number: int, time: float) -> _Back:
-        """Back into the handler that did something; or to where the program last waited, outside of any handler."""
+        """Back into the handler that did something; or to where the program last waited, outside of
+        any handler.
+        """
         if by is not None and by.start < time <= by.until:
             return None, _At(time, number, by)
         if by is not None and by.end is not None and by.end < time:  # beside it
@@ -168,7 +190,9 @@ class Causes:
         return step, _At(start, wait.awaited, wait=wait)
 
     def _at_claim(self, at: _At) -> _Back | None:
-        """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
+        """Back into who had a lock until then; or from a lock that was wanted until then, to where
+        it was asked for.
+        """
         time, number = at.time, at.message_id
         wanted, held = self._run.claims.get(number), self._released.get(time)
         since = held.granted if held is not None and held is not wanted else None
@@ -179,7 +203,9 @@ class Causes:
         return PathStep(since, time, Doing.LOCKED, number, held.sender), _At(since, held.id)
 
     def _wanted(self, claim: Claim, time: float) -> _Back:
-        """Back to where a lock was asked for: nothing is known that let it be granted, or it was wanted in vain."""
+        """Back to where a lock was asked for: nothing is known that let it be granted, or it was
+        wanted in vain.
+        """
         if claim.start >= time:
             return self._by(claim.sender, claim.by, claim.id, time)
         number = claim.by.message_id if claim.by else claim.id
@@ -187,7 +213,7 @@ class Causes:
         step = PathStep(claim.start, time, Doing.LOCKED, number, *where)
         return step, _At(claim.start, claim.id)
 
-    # --- events without an origin: a time was due, or a cut-off ---------------------------------------------------
+    # --- events without an origin: a time was due, or a cut-off -----------------------------------
 
     def _without_asker(self, message: Message, at: _At) -> _Back:
         time, number = at.time, message.id
@@ -215,7 +241,9 @@ class Causes:
         return PathStep(start, time, Doing.DELAY, task.id), _At(start, cause)
 
     def _monitored(self, message: Message, time: float) -> _Back:
-        """Central asks a monitor's condition, or sends its action, when the time has come: back to its start."""
+        """Central asks a monitor's condition, or sends its action, when the time has come: back to
+        its start.
+        """
         monitor = self._run.tasks.get(message.about)
         if monitor is None:
             return None, None
@@ -225,7 +253,9 @@ class Causes:
         return PathStep(start, time, Doing.WATCHING, monitor.id), _At(start, monitor.id)
 
     def _cut_off(self, message: Message, at: _At) -> _Back:
-        """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
+        """It was killed or suspended then, or somebody no longer waited for it: back to what it
+        waited for itself.
+        """
         time = at.time
         if (back := self._going_on(message, time)) is not None:
             return back
@@ -266,14 +296,16 @@ def _resumed(task: Task, time: float) -> PathStep | None:
 
 
 def _before(step: PathStep, since: float) -> _At:
-    """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
+    """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was
+    put into a queue.
+    """
     return _At(since, step.message_id, step.handling if step.resumed else None)
 
 
-# --- what keeps something at a moment --------------------------------------------------------------------------------
+# --- what keeps something at a moment -------------------------------------------------------------
 
-# A walk follows all that a task waits for, each thing once. What is under it counts first; where nothing there goes on,
-# its constraints, and its handlers that wait, lead to tasks elsewhere.
+# A walk follows all that a task waits for, each thing once. What is under it counts first; where
+# nothing there goes on, its constraints, and its handlers that wait, lead to tasks elsewhere.
 
 
 class GoingOn(NamedTuple):
@@ -297,15 +329,15 @@ class GoingOn(NamedTuple):
 
 
 def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
-    """The cause of a wait *until* just after a moment: runs come before standstills, and these before monitors that
-    watch; of standstills the longest. None if nothing is known.
+    """The cause of a wait *until* just after a moment: runs come before standstills, and these
+    before monitors that watch; of standstills the longest. None if nothing is known.
     """
     return _WaitWalk(at, message, until).first() or _circle(at, message, until)
 
 
 def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
-    """The cause of an open task's wait when the journal ends; and if it is not under the task, the waits that lead
-    there, in words. If it is not known, since when nothing happened under the task.
+    """The cause of an open task's wait when the journal ends; and if it is not under the task, the
+    waits that lead there, in words. If it is not known, since when nothing happened under the task.
     """
     at = RunAt(run)
     walk = _WaitWalk(at, task, run.time)
@@ -332,7 +364,9 @@ def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
-    """When something last happened to a message or to what is under it: a new state, or a handler waits or is done."""
+    """When something last happened to a message or to what is under it: a new state, or a handler
+    waits or is done.
+    """
     below = [*run.under(message)] if isinstance(message, Task) else []
     handlings = [one for each in (message, *below) for one in each.handlings]
     times = [time for one in below for time, _ in one.states]
@@ -397,7 +431,9 @@ class _WaitWalk:
             self._nodes.append(node)
 
     def _at_claim(self, node: Node, claim: Claim) -> None:
-        """Follow a lock to all that its holder waits for; or to the program that has it, outside of handlers."""
+        """Follow a lock to all that its holder waits for; or to the program that has it, outside of
+        handlers.
+        """
         others, _ = steps(self._at, node)
         for other in others:
             self._come_to(other, node, None)
@@ -442,7 +478,11 @@ class _WaitWalk:
                 self._come_to(node_of(self._at.run, run), node, wait)
 
     def _find(
-        self, node: Node, message_id: int, handling: Handling | None = None, step: PathStep | None = None
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        message_id: int,
+        handling: Handling | None = None,
+        step: PathStep | None = None,
+    ) -> None:
         is_elsewhere = self._ways[node].is_elsewhere
         self._found.append(GoingOn(node, is_elsewhere, message_id, handling, step))

@@ -1,13 +1,16 @@
-"""Which overlap would help: pairs of *act, then plan the next* that could be *act while planning the next*. Pure.
+"""Which overlap would help: pairs of *act, then plan the next* that could be *act while planning
+the next*. Pure.
 
-Method. Between two commands of one resource lies a gap in which it acts nothing. The gap's causes are walked backwards,
-from the second command to the first one's end. If something that plans was ready before that end and only an order held
-it back (a constraint, the parent's turn, a handler or script that waited), then all that was planned since could have
-been planned beside the acting. What that saves is bounded by three numbers, and the least counts: what the gap holds of
-planning, how long the acting before it took, and how long the planners were free meanwhile. Acting that is looked at is
-never looked at for a second gap: this is one step of lookahead, as the Ambler has it.
+Method. Between two commands of one resource lies a gap in which it acts nothing. The gap's causes
+are walked backwards, from the second command to the first one's end. If something that plans was
+ready before that end and only an order held it back (a constraint, the parent's turn, a handler or
+script that waited), then all that was planned since could have been planned beside the acting. What
+that saves is bounded by three numbers, and the least counts: what the gap holds of planning, how
+long the acting before it took, and how long the planners were free meanwhile. Acting that is looked
+at is never looked at for a second gap: this is one step of lookahead, as the Ambler has it.
 
-A bound and no promise: whether the plan needs what the acting brings to light, the journal can't tell.
+A bound and no promise: whether the plan needs what the acting brings to light, the journal can't
+tell.
 """
 
 from collections.abc import Iterator
@@ -70,7 +73,9 @@ class Overlap:
 
 
 def overlaps(run: Run, causes: Causes) -> list[Overlap]:
-    """All planning that could have been done while something was acted, that which saves most first."""
+    """All planning that could have been done while something was acted, that which saves most
+    first.
+    """
     found: dict[tuple[Key, str, str], Overlap] = {}
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
@@ -150,20 +155,26 @@ def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     task = run.tasks.get(step.message_id)
     if task is None or step.doing is not Doing.WORK:
         return False
-    if not task.message_class.is_goal or task.received >= gap or task.handlings[0].start != step.start:
+    if (
+        not task.message_class.is_goal
+        or task.received >= gap
+        or task.handlings[0].start != step.start
+    ):
         return False
     return not any(one.end == step.start and one.start < gap for one in task.queueings)
 
 
 def _plans(run: Run, step: PathStep, acting: Key) -> bool:
-    """Whether a step is planning: work, of something else than commands, elsewhere than where is acted."""
+    """Whether a step is planning: work, of something else than commands, elsewhere than where is
+    acted.
+    """
     message = run.messages.get(step.message_id)
     if message is None or message.role in _REACTIONS or message.message_class.only_acts:
         return False
     return step.doing is Doing.WORK and (step.module, step.resource) != acting
 
 
-# --- causes and remedies --------------------------------------------------------------------------------------------
+# --- causes and remedies --------------------------------------------------------------------------
 
 
 def why_held(run: Run, held: PathStep) -> str:
@@ -193,11 +204,15 @@ def _remedy(run: Run, held: PathStep) -> str:
     )
 
 
-# --- how much it would save ----------------------------------------------------------------------------------------
+# --- how much it would save -----------------------------------------------------------------------
 
 
-def _saving(run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float) -> float:
-    """The least of: the planning, place by place no more than its resource was free; and the acting before it."""
+def _saving(
+    run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float
+) -> float:
+    """The least of: the planning, place by place no more than its resource was free; and the acting
+    before it.
+    """
     if held.resumed:
         since = max(acts_since, held.resumed.start)
     else:
@@ -226,7 +241,9 @@ def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
 
 
 def _might_begin(run: Run, task: Task, held: PathStep) -> float:
-    """When a task might have been planned at the earliest, were it not for what held it back last."""
+    """When a task might have been planned at the earliest, were it not for what held it back
+    last.
+    """
     constraints = (hold.constraint for hold in task.holds)
     planned = (one.before for one in constraints if one.after.moment in _PLANNING)
     points = [Point(task.parent, Moment.START_PLANNING)]

@@ -1,7 +1,8 @@
-"""The critical path: what a task waited for last, and what that waited for last, back to who started it all. Pure.
+"""The critical path: what a task waited for last, and what that waited for last, back to who
+started it all. Pure.
 
-The path has no gaps, so its steps add up to the time from its first to its last: making any of them shorter is the
-only way to end sooner, and it helps until another path is the longest.
+The path has no gaps, so its steps add up to the time from its first to its last: making any of them
+shorter is the only way to end sooner, and it helps until another path is the longest.
 """
 
 from dataclasses import dataclass, field
@@ -25,7 +26,9 @@ class CriticalPath:
     steps: list[PathStep]
     """Oldest first; each begins when the one before ends."""
     because: list[str] = field(default_factory=list)
-    """Of an open one that leads to something outside of its task: the waits that lead there, in words."""
+    """Of an open one that leads to something outside of its task: the waits that lead there, in
+    words.
+    """
 
     @property
     def start(self) -> float:
@@ -58,8 +61,8 @@ class Share:
 
 
 def last_task(run: Run) -> Task | None:
-    """The top-level task that ended last; one that goes on, if there is one: the oldest. Monitors that stand by do not
-    count, but what they have sent does.
+    """The top-level task that ended last; one that goes on, if there is one: the oldest. Monitors
+    that stand by do not count, but what they have sent does.
     """
     top = mattering(run)
     living = next((task for task in top if not is_over(task)), None)
@@ -69,7 +72,11 @@ def last_task(run: Run) -> Task | None:
 def longest_task(run: Run) -> Task | None:
     """The one of these that took longest."""
     top = mattering(run)
-    return max(top, key=lambda task: (_end_of(task) if is_over(task) else run.time) - task.received, default=None)
+    return max(
+        top,
+        key=lambda task: (_end_of(task) if is_over(task) else run.time) - task.received,
+        default=None,
+    )
 
 
 def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
@@ -91,7 +98,9 @@ def shares(run: Run, path: CriticalPath) -> list[Share]:
         name, where = named(run, step.message_id), step.where
         if step.doing is Doing.OUTSIDE:
             name = ""
-        share = found.setdefault((step.doing, name, where), Share(step.doing, name, where, 0, 0.0, 0.0))
+        share = found.setdefault(
+            (step.doing, name, where), Share(step.doing, name, where, 0, 0.0, 0.0)
+        )
         share.steps += 1
         share.seconds += step.seconds
     for share in found.values():

@@ -1,7 +1,8 @@
-"""The failures of a run: who raised them, which exception handlers were called, what became of them, what they cost.
+"""The failures of a run: who raised them, which exception handlers were called, what became of
+them, what they cost.
 
-A failure of a task is one *case*, from the moment it was raised until the task was handled again, was dealt with, was
-killed, or the journal ended. Pure.
+A failure of a task is one *case*, from the moment it was raised until the task was handled again,
+was dealt with, was killed, or the journal ended. Pure.
 """
 
 from bisect import bisect_right
@@ -48,9 +49,13 @@ class Case:
     """The exception handlers that were called, in order, and what came of that."""
     fate: Fate
     why: str
-    """Of a task that was killed: why, or what came of the one above it that was retried; of a query: who was told."""
+    """Of a task that was killed: why, or what came of the one above it that was retried; of a
+    query: who was told.
+    """
     lost: float
-    """Seconds of work that came to nothing: how long the handler that failed had run, or the task that was ended."""
+    """Seconds of work that came to nothing: how long the handler that failed had run, or the task
+    that was ended.
+    """
     recovery: float
     """Seconds from the failure until its fate was decided or the task was handled again."""
 
@@ -91,8 +96,8 @@ class FailureKind:
 
 
 def failures(run: Run) -> list[FailureKind]:
-    """The failures by name and message: first those of which most were not overcome, then by what they cost. With what
-    nobody was told of nothing else failed: it comes after those.
+    """The failures by name and message: first those of which most were not overcome, then by what
+    they cost. With what nobody was told of nothing else failed: it comes after those.
     """
     kinds: dict[tuple[str, str], FailureKind] = {}
     for one in all_failures(run):
@@ -120,13 +125,23 @@ def _case(run: Run, one: Failed) -> Case:
         if became in ENDED_TASKS:
             why = message.why_killed or ""
     return Case(
-        message.id, str(message), one.failure.words, time, _raised_by(one), called, became, why,
-        _lost(one, became), recovery,
-    )  # fmt: skip
+        message.id,
+        str(message),
+        one.failure.words,
+        time,
+        _raised_by(one),
+        called,
+        became,
+        why,
+        _lost(one, became),
+        recovery,
+    )
 
 
 def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
-    """Those that were refused to wait, since that would have been a deadlock, and did not fail with that."""
+    """Those that were refused to wait, since that would have been a deadlock, and did not fail with
+    that.
+    """
     if not run.deadlocks:
         return
     waits = [wait for handling in run.handlings for wait in handling.waits]
@@ -145,7 +160,9 @@ def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
 
 
 def _became(run: Run, wait: HandlerWait) -> Fate | None:
-    """The fate of a refused wait; None if its handler failed with that, which is told as any failure."""
+    """The fate of a refused wait; None if its handler failed with that, which is told as any
+    failure.
+    """
     if not isinstance(wait.by, Handling):
         return Fate.TOLD
     handling, failed = wait.by, failing(run, wait.by)
@@ -158,8 +175,9 @@ def _became(run: Run, wait: HandlerWait) -> Fate | None:
 
 
 def _lost(one: Failed, became: Fate) -> float:
-    """How long was worked in vain: by the handler that failed; or, where the failure was raised beside it (a deadline)
-    and ended the task or began it anew, for the task since it was last begun.
+    """How long was worked in vain: by the handler that failed; or, where the failure was raised
+    beside it (a deadline) and ended the task or began it anew, for the task since it was last
+    begun.
     """
     if one.handling:
         return one.time - one.handling.start
@@ -182,7 +200,9 @@ def _raised_by(one: Failed) -> str:
 
 
 def _recovered(run: Run, task: Task, one: Failed) -> float:
-    """When a task that had failed was handled again; or else when the exception handlers were done."""
+    """When a task that had failed was handled again; or else when the exception handlers were
+    done.
+    """
     if one.is_begun_anew:
         again = bisect_right(task.handlings, one.time, key=attrgetter("start"))
         return task.handlings[again].start if again < len(task.handlings) else one.until

@@ -60,7 +60,9 @@ class _Found(NamedTuple):
 
 
 def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
-    """For each kind of wait that took time: how many there were, how long together, and the longest, with reasons."""
+    """For each kind of wait that took time: how many there were, how long together, and the
+    longest, with reasons.
+    """
     found: dict[WaitKind, list[tuple[float, _Found]]] = {kind: [] for kind in KINDS}
     for one in _all(run):
         seconds = min(one.end, run.time) - one.start
@@ -70,7 +72,9 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
     for kind, waits in found.items():
         longest = []
         for seconds, one in nlargest(at_most, waits, key=itemgetter(0)):
-            who = "the handler of " * isinstance(one.record, HandlerWait) + run.describe(one.message_id)
+            who = "the handler of " * isinstance(one.record, HandlerWait) + run.describe(
+                one.message_id
+            )
             longest.append(LongWait(who, one.start, seconds, one.end == inf, _what(run, one)))
         if waits:
             total = sum(seconds for seconds, _ in waits)
@@ -97,7 +101,9 @@ def _all(run: Run) -> Iterator[_Found]:
 
 
 def _kind(run: Run, queueing: Queueing) -> WaitKind:
-    """Whether nobody handled it, the resource was locked or reserved at some time, or it was just busy."""
+    """Whether nobody handled it, the resource was locked or reserved at some time, or it was just
+    busy.
+    """
     if not queueing.module:
         return WaitKind.HANDLER
     grants = run.granted(queueing.module, queueing.resource)

@@ -1,4 +1,6 @@
-"""How busy each resource was, how long its queue, and which queues only grow: more comes than is handled. Pure."""
+"""How busy each resource was, how long its queue, and which queues only grow: more comes than is
+handled. Pure.
+"""
 
 from bisect import bisect_right
 from collections import Counter
@@ -32,7 +34,9 @@ class Use:
     busy: float
     """How long its slots had messages, all slots together."""
     waiting: float
-    """How much of that the handlers waited for replies, tasks or locks; of one handler what overlaps counts once."""
+    """How much of that the handlers waited for replies, tasks or locks; of one handler what
+    overlaps counts once.
+    """
     share: float
     """*busy* as a share of what its slots had to give (0 to 1)."""
     queued: int
@@ -53,10 +57,15 @@ class Use:
 
 
 def uses(run: Run, start: float, end: float) -> list[Use]:
-    """Each resource that handled or queued something between *start* and *end*, the busiest first."""
+    """Each resource that handled or queued something between *start* and *end*, the busiest
+    first.
+    """
     handled, queued = _by_resource(run.handlings), _by_resource(run.queueings)
     window = start, end
-    found = (_use(run, key, handled.get(key, []), queued.get(key, []), window) for key in handled | queued)
+    found = (
+        _use(run, key, handled.get(key, []), queued.get(key, []), window)
+        for key in handled | queued
+    )
     return sorted(found, key=lambda use: (-use.share, -use.queue_seconds, use.key))
 
 
@@ -78,9 +87,9 @@ def capacity_of(run: Run, key: Key) -> int:
 def kept_out(
     run: Run, key: Key, start: float, end: float, sender: str = "", but: Claim | None = None
 ) -> tuple[float, Claim | None]:
-    """How many seconds of a wait for a resource were because of locks and reservations, and the last of these: those in
-    force, in any copy of the module, and those that somebody who had come before waited for. What is reserved by the
-    sender does not keep it out.
+    """How many seconds of a wait for a resource were because of locks and reservations, and the
+    last of these: those in force, in any copy of the module, and those that somebody who had come
+    before waited for. What is reserved by the sender does not keep it out.
     """
     claims = run.asked_for(*key)
     first, last = (bisect_right(claims, time, key=attrgetter("start")) for time in (start, end))
@@ -99,7 +108,9 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
     start, end = window
 
     def clipped(spans: Iterable[Span]) -> list[Span]:
-        return [(min(max(since, start), end), max(min(until, end), start)) for since, until in spans]
+        return [
+            (min(max(since, start), end), max(min(until, end), start)) for since, until in spans
+        ]
 
     capacity = capacity_of(run, key)
     busy = _length(clipped((one.start, one.until) for one in handled))
@@ -131,7 +142,9 @@ def _waits_in(handling: Handling) -> Iterator[Span]:
 
 
 def _locked_while_there(run: Run, key: Key) -> Iterator[Span]:
-    """When a resource was locked. A lock is one of all copies of a module: of each as long as it was connected."""
+    """When a resource was locked. A lock is one of all copies of a module: of each as long as it
+    was connected.
+    """
     module = run.modules.get(key[0])
     joined = (module.joined if module is not None else ()) or [(0.0, None)]
     for claim in run.granted(*key):
@@ -147,11 +160,12 @@ def _length(spans: list[Span]) -> float:
     return sum(max(until - since, 0.0) for since, until in spans)
 
 
-# --- queues that only grow --------------------------------------------------------------------------------------------
+# --- queues that only grow ------------------------------------------------------------------------
 
-# Looked at is the time since the queue was last empty, until it was given or sent the last message. It counts if it is
-# long, if the queue has grown in both halves of it, and if the resource did handle messages meanwhile: a burst that is
-# worked off, a queue that is always about as long, and a handler that hangs are something else.
+# Looked at is the time since the queue was last empty, until it was given or sent the last message.
+# It counts if it is long, if the queue has grown in both halves of it, and if the resource did
+# handle messages meanwhile: a burst that is worked off, a queue that is always about as long, and a
+# handler that hangs are something else.
 
 _LENGTH = 5
 """A shorter queue is no sign."""
@@ -159,7 +173,9 @@ _HANDLED = 3
 _GROWTH = 0.1
 """So much more must come than is handled, as a share of that."""
 _CHANCE = 3
-"""And so many times what chance makes of it: of n that come at random, the square root of n more or less."""
+"""And so many times what chance makes of it: of n that come at random, the square root of n more or
+less.
+"""
 _SHARE = 0.2
 """It must have grown for so long, as a share of the run."""
 

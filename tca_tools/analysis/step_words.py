@@ -40,7 +40,9 @@ def queueing_before(run: Run, step: PathStep) -> Queueing | None:
 
 
 def waited(run: Run, step: PathStep) -> str:
-    """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step began, and for what."""
+    """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step
+    began, and for what.
+    """
     who = run.describe(step.message_id)
     if step.resumed is None:
         return f"{who} waited"
@@ -49,7 +51,9 @@ def waited(run: Run, step: PathStep) -> str:
 
 
 def why_then(run: Run, step: PathStep) -> str:
-    """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
+    """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is
+    known.
+    """
     message = run.messages.get(step.message_id)
     if message and step.doing in _STANDING and (why := _why_standing(run, message, step)):
         return why
@@ -65,25 +69,31 @@ def why_then(run: Run, step: PathStep) -> str:
             where = f"in the queue for {place(queueing.module, queueing.resource)}"
         still = still_handled(run, message.id, step.start)
         return f"{duration(step.start - queueing.start)} {where}{still}"
-    is_made = message.received == step.start and message.role  # central made it when it could, and no sooner
+    is_made = (
+        message.received == step.start and message.role
+    )  # central made it when it could, and no sooner
     about = run.messages.get(message.about) if is_made else message
     held = ""
     if isinstance(about, Task) and (not is_made or about.received < step.start):
         held = _held(run, about, step.start)
     if is_made:
-        return f"{message.role} for {run.describe(message.about)}" + (f", which {held}" if held else "")
+        return f"{message.role} for {run.describe(message.about)}" + (
+            f", which {held}" if held else ""
+        )
     return f"it {held}" if held else ""
 
 
 def _held(run: Run, task: Task, time: float) -> str:
-    """``waited until walk {2} is achieved; walk {2} was killed: ...``: what a task waited for until then, and why that
-    came just then, link by link; "" if that is not known.
+    """``waited until walk {2} is achieved; walk {2} was killed: ...``: what a task waited for until
+    then, and why that came just then, link by link; "" if that is not known.
     """
     return "; ".join(_links(run, task, time))
 
 
 def _links(run: Run, task: Task, time: float) -> Iterator[str]:
-    """The waits of a task until then, those of the tasks that it waited for, and so on, if all were over at once."""
+    """The waits of a task until then, those of the tasks that it waited for, and so on, if all were
+    over at once.
+    """
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
         yield f"waited {_in_words(run, waits, time)}"
@@ -101,8 +111,8 @@ def _links(run: Run, task: Task, time: float) -> Iterator[str]:
 
 
 def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
-    """The waits of a task that were over at a time, and had begun before: not those for its handler and its subtasks,
-    through which a path goes anyhow.
+    """The waits of a task that were over at a time, and had begun before: not those for its handler
+    and its subtasks, through which a path goes anyhow.
     """
     ended = (wait for wait in waits_of(run, task.id) if wait.start < time == wait.end)
     return [wait for wait in ended if wait.kind not in (WaitKind.RUNNING, WaitKind.SUBTASK)]
@@ -114,8 +124,9 @@ def _in_words(run: Run, waits: list[Wait], time: float) -> str:
 
 
 def still_handled(run: Run, message_id: int, until: float) -> str:
-    """``; look {8} was given up at 7.000 s, but cam went on with it until 9.000 s``: who went on with what nobody
-    waited for any longer, with a message or with what kept it in a queue; "" if nobody did.
+    """``; look {8} was given up at 7.000 s, but cam went on with it until 9.000 s``: who went on
+    with what nobody waited for any longer, with a message or with what kept it in a queue; "" if
+    nobody did.
     """
     if (message := run.messages.get(message_id)) is None:
         return ""

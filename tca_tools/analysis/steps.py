@@ -58,4 +58,6 @@ def delay_of(run: Run, task: Task, hold: Hold) -> tuple[float, int]:
     """When the delay of a constraint began; and the message with which it did."""
     before = hold.constraint.before
     other = run.tasks.get(before.task) if before.task != ROOT else None
-    return (other.reached.get(before.moment, hold.added), other.id) if other else (hold.added, task.id)
+    return (
+        (other.reached.get(before.moment, hold.added), other.id) if other else (hold.added, task.id)
+    )

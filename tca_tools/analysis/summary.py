@@ -24,17 +24,21 @@ class Summary:
     began: float | None
     """Wall-clock time (seconds since 1970) of the entries' 0."""
     start: float
-    """When the first task (or else message) was sent, in seconds since the run began; not a monitor that stands by."""
+    """When the first task (or else message) was sent, in seconds since the run began; not a monitor
+    that stands by.
+    """
     end: float
-    """When the last task ended, or else the journal (of a live run: the present); the time between is what the shares
-    in a report are of.
+    """When the last task ended, or else the journal (of a live run: the present); the time between
+    is what the shares in a report are of.
     """
     is_live: bool
     """Whether the run goes on."""
     now: float
     """Until when is known what happened."""
     modules: int
-    """Those that handled, offered, sent or locked something: who only asks what there is does not count."""
+    """Those that handled, offered, sent or locked something: who only asks what there is does not
+    count.
+    """
     messages: int
     tasks: dict[str, int]
     """How many tasks stand how at the end, in words, those that occur."""
@@ -43,7 +47,9 @@ class Summary:
     failures: int
     """How many failures were raised on tasks and other messages."""
     reasons: list[tuple[str, int]]
-    """Why top-level tasks were not achieved: the first of those with a like reason, in words, and how many they are."""
+    """Why top-level tasks were not achieved: the first of those with a like reason, in words, and
+    how many they are.
+    """
     dropped: list[tuple[str, int]]
     """How many messages of each name were lost on the way to a handler, most first."""
     is_good: bool
@@ -97,8 +103,8 @@ def _working(run: Run) -> set[str]:
 
 
 def span_of(run: Run) -> tuple[float, float]:
-    """From the first task sent until the last one ended; if one goes on, until the journal's end. A monitor that stands
-    by is not one of them, what it sends is.
+    """From the first task sent until the last one ended; if one goes on, until the journal's end. A
+    monitor that stands by is not one of them, what it sends is.
     """
     if not run.tasks:
         first = next(iter(run.messages.values()), None)
@@ -109,8 +115,8 @@ def span_of(run: Run) -> tuple[float, float]:
 
 
 def mattering(run: Run) -> list[Task]:
-    """The tasks by which a run is judged, oldest first: those at the top; instead of monitors that stand by, what these
-    have sent. Where there is nothing else, the monitors.
+    """The tasks by which a run is judged, oldest first: those at the top; instead of monitors that
+    stand by, what these have sent. Where there is nothing else, the monitors.
     """
     found, walked = [], list(run.top)
     for number in walked:  # grows while it is walked
@@ -124,7 +130,9 @@ def mattering(run: Run) -> list[Task]:
 
 
 def stands_by(task: Task) -> bool:
-    """Whether it is a monitor that watches until somebody ends it: it still does, or a module has killed it."""
+    """Whether it is a monitor that watches until somebody ends it: it still does, or a module has
+    killed it.
+    """
     if not task.message_class.is_monitor:
         return False
     return not is_over(task) or (task.state is TaskState.KILLED and task.killed_by != CENTRAL)

@@ -1,4 +1,6 @@
-"""``tca check``: holds a journal against the rules of task-level control, and against the user's own properties."""
+"""``tca check``: holds a journal against the rules of task-level control, and against the user's
+own properties.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -14,14 +16,35 @@ from tca_tools.user_file import names_of
 
 
 @click.command()
-@click.argument("paths", metavar="[LOG] [PROPERTIES.py]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--property", "texts", metavar="TEXT", multiple=True,
-              help="A further property, such as 'at most 1 planned ahead of take steps' (repeatable).")  # fmt: skip
-@click.option("--all", "everything", is_flag=True, help="Show all that is broken, not only what was broken first.")
-@click.option("--rerun", is_flag=True, help="Handle the inputs of the run again, and compare with its journal.")
+@click.argument(
+    "paths", metavar="[LOG] [PROPERTIES.py]...", nargs=-1, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--property",
+    "texts",
+    metavar="TEXT",
+    multiple=True,
+    help="A further property, such as 'at most 1 planned ahead of take steps' (repeatable).",
+)
+@click.option(
+    "--all",
+    "everything",
+    is_flag=True,
+    help="Show all that is broken, not only what was broken first.",
+)
+@click.option(
+    "--rerun",
+    is_flag=True,
+    help="Handle the inputs of the run again, and compare with its journal.",
+)
 @click.pass_context
 def check(
-    context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...], *, everything: bool, rerun: bool
+    context: click.Context,
+    paths: tuple[Path, ...],
+    texts: tuple[str, ...],
+    *,
+    everything: bool,
+    rerun: bool,
 ) -> None:
     """Check that a run kept the rules of task-level control.
 
@@ -47,7 +70,10 @@ def check(
         click.echo("\n".join(lines))
         context.exit(not is_same)
     try:
-        wanted = [*map(property_from, texts), *(one for file in files for one in _properties_in(file))]
+        wanted = [
+            *map(property_from, texts),
+            *(one for file in files for one in _properties_in(file)),
+        ]
         run = CheckedRun.of(journal, wanted, History() if files else None)
     except BadProperty as error:
         raise click.UsageError(str(error)) from error
@@ -71,7 +97,9 @@ def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
     files = [path for path in paths if path.suffix == ".py"]
     logs = [path for path in paths if path.suffix != ".py"]
     if len(logs) > 1:
-        raise click.UsageError(f"{logs[1]}: one journal is checked at a time, and files of properties end in .py")
+        raise click.UsageError(
+            f"{logs[1]}: one journal is checked at a time, and files of properties end in .py"
+        )
     for file in files:
         if not file.is_file():
             raise click.UsageError(f"{file}: there is no such file of properties")
@@ -79,7 +107,9 @@ def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
 
 
 def _properties_in(path: Path) -> list[Property]:
-    """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts in PROPERTIES."""
+    """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts
+    in PROPERTIES.
+    """
     names = names_of(path)
     try:
         found = [one for value in names.values() for one in _found_in(value)]
@@ -90,7 +120,9 @@ def _properties_in(path: Path) -> list[Property]:
         raise click.UsageError(f"{path}: {error}") from None
     found = list(dict.fromkeys(found))  # one may stand alone and in a list
     if not found:
-        raise click.UsageError(f"{path} has no property: put some at its top level, or texts into a list PROPERTIES")
+        raise click.UsageError(
+            f"{path} has no property: put some at its top level, or texts into a list PROPERTIES"
+        )
     return found
 
 
@@ -101,7 +133,11 @@ def _found_in(value: Any) -> list[Property]:
     if isinstance(value, type):
         return []
     inside = getattr(value, "properties", value)
-    return [one for one in inside if isinstance(one, Property)] if isinstance(inside, list | tuple) else []
+    return (
+        [one for one in inside if isinstance(one, Property)]
+        if isinstance(inside, list | tuple)
+        else []
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""How messages come into a run: under which parent, with which constraints; and what those hold back."""
+"""How messages come into a run: under which parent, with which constraints; and what those hold
+back.
+"""
 
 from tca_tools.check import lives
 from tca_tools.check.failing import check_below
@@ -27,9 +29,15 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
         what = f"{fact.message} {{{fact.id}}} was sent by '{fact.sender}', which is not there"
         world.broken(PRESENT, fact.id, what)
     item = MessageRecord(
-        fact.id, fact.message, fact.message_class, fact.sender, fact.sender, fact.body,
-        role=fact.role, about=fact.about,
-    )  # fmt: skip
+        fact.id,
+        fact.message,
+        fact.message_class,
+        fact.sender,
+        fact.sender,
+        fact.body,
+        role=fact.role,
+        about=fact.about,
+    )
     world.add(item)
     if item.role:
         _made_by_central(world, item)
@@ -85,7 +93,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         world.expect(lambda: not ~item.reached & NO_GOAL.at_birth, ORDER, item, what)
 
 
-# --- constraints -----------------------------------------------------------------------------------------------------
+# --- constraints ----------------------------------------------------------------------------------
 
 
 def constrained(world: JournalWorld, fact: facts.Constrained) -> None:
@@ -101,7 +109,11 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
         if after.reached & int(constraint.after.moment):
             world.broken(CONSTRAINT, after, f"got constraint {constraint} when that was past")
         leader = constraint.before.task  # may be over, or from before the journal
-        before = world.item(leader, "is waited for") if leader != ROOT and leader not in world.over else None
+        before = (
+            world.item(leader, "is waited for")
+            if leader != ROOT and leader not in world.over
+            else None
+        )
         after.is_stranger = after.is_stranger or (before is None and world.is_strange(leader))
         hold = Hold(constraint, before, constraint.delay if leader == ROOT else None)
         after.holds.append(hold)

@@ -1,5 +1,5 @@
-"""A journal held against the rules of task-level control and against properties, in one pass at a bounded cost for
-each fact.
+"""A journal held against the rules of task-level control and against properties, in one pass at a
+bounded cost for each fact.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,9 +21,11 @@ from tca_wire.text.nearest import did_you_mean
 
 
 class CheckedRun:
-    """A journal on its way past the rules and properties, and what came of it. Give it every entry, then ``close`` it.
+    """A journal on its way past the rules and properties, and what came of it. Give it every entry,
+    then ``close`` it.
 
-    Properties that look at all records of the run, as those of cases do, need a *history*, which is filled meanwhile.
+    Properties that look at all records of the run, as those of cases do, need a *history*, which is
+    filled meanwhile.
     """
 
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
@@ -47,14 +49,19 @@ class CheckedRun:
         self.first = self.last = 0  #: numbers of entries
 
     @classmethod
-    def of(cls, journal: Log, wanted: Iterable[Property], history: History | None = None) -> "CheckedRun":
+    def of(
+        cls, journal: Log, wanted: Iterable[Property], history: History | None = None
+    ) -> "CheckedRun":
         """The whole of a journal, checked. Raises BadProperty if a property can't be asked."""
         run, losses = cls(wanted, history), journal.losses
         lost = unknown = 0
         for entry in journal:
             run.skip(losses.places - lost)
             if losses.facts > unknown:
-                run.pass_over(entry, f"at {entry.time:.2f} s something happened that this version does not know")
+                run.pass_over(
+                    entry,
+                    f"at {entry.time:.2f} s something happened that this version does not know",
+                )
             else:
                 run.take(entry)
             lost, unknown = losses.places, losses.facts
@@ -66,7 +73,9 @@ class CheckedRun:
     @property
     def rules_kept(self) -> int:
         """How many of ``RULES`` are kept."""
-        return len(RULES) - len({violation.rule for violation in self.violations if violation.source})
+        return len(RULES) - len(
+            {violation.rule for violation in self.violations if violation.source}
+        )
 
     @property
     def is_whole(self) -> bool:
@@ -99,12 +108,14 @@ class CheckedRun:
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
-                self.gaps.append(f"what had ended by {fact.until:.2f} s was removed: only what came later is judged")
+                self.gaps.append(
+                    f"what had ended by {fact.until:.2f} s was removed: only what came later is judged"
+                )
         return entry.time <= self._shortened
 
     def skip(self, places: int) -> None:
-        """Before the next entry there were so many places that can't be read: nothing is claimed of what was sent
-        before.
+        """Before the next entry there were so many places that can't be read: nothing is claimed of
+        what was sent before.
         """
         if not places:
             return
@@ -145,8 +156,13 @@ class CheckedRun:
         world = self.world
         self._note(entry)
         if not self.events:
-            if not (self._may_have_missed_opening or (entry.facts and isinstance(entry.facts[0], facts.Opened))):
-                self.gaps.append("it begins in the middle of a segment: what was sent before is not known")
+            if not (
+                self._may_have_missed_opening
+                or (entry.facts and isinstance(entry.facts[0], facts.Opened))
+            ):
+                self.gaps.append(
+                    "it begins in the middle of a segment: what was sent before is not known"
+                )
         elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
             self._check_clock(entry)
         world.forget()
@@ -163,7 +179,10 @@ class CheckedRun:
     def _check_clock(self, entry: facts.Entry) -> None:
         world = self.world
         if entry.time < world.now or entry.number < world.event:
-            before, after = f"entry {world.event} at {world.now:g} s", f"entry {entry.number} at {entry.time:g} s"
+            before, after = (
+                f"entry {world.event} at {world.now:g} s",
+                f"entry {entry.number} at {entry.time:g} s",
+            )
             world.broken(CLOCK, 0, f"{after} comes after {before}")
         elif self.is_closed:
             world.broken(CLOCK, 0, f"entry {entry.number} comes after central ended")
@@ -188,17 +207,21 @@ class CheckedRun:
             if (not is_other or fact.segment != 1) and not self._may_have_missed_opening:
                 missing = fact.segment - 1 - (0 if is_other else self._segment)
                 which = f"{missing} segment{'s' * (missing != 1)} before segment {fact.segment}"
-                self.gaps.append(f"missing: {which}; what was sent before {entry.time:.2f} s is not known")
+                self.gaps.append(
+                    f"missing: {which}; what was sent before {entry.time:.2f} s is not known"
+                )
             is_first = is_other and fact.segment == 1
             self.world = JournalWorld(self.violations, is_whole=is_first, events=self.world.events)
             self.world.begin(entry)
         self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
         self._may_have_missed_opening = False
 
-    # --- properties ------------------------------------------------------------------------------------------------
+    # --- properties -------------------------------------------------------------------------------
 
     def _follow(self, world: JournalWorld) -> None:
-        """An event is over: ask the properties about what changed, with it or (what is so for one event) before it."""
+        """An event is over: ask the properties about what changed, with it or (what is so for one
+        event) before it.
+        """
         if not self.judges:
             return
         changed = self._touched | world.touched
@@ -213,11 +236,15 @@ class CheckedRun:
         try:
             wrong = ask()
         except Exception as error:  # a mistake in it, not in the robot
-            raise BadProperty(f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}") from error
+            raise BadProperty(
+                f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}"
+            ) from error
         if wrong:
             self.unbroken.remove(judge)
             words, world = str(judge.stated), self.world
-            self.violations.append(Violation(words, "", place, world.event, world.now, judge.culprit, wrong))
+            self.violations.append(
+                Violation(words, "", place, world.event, world.now, judge.culprit, wrong)
+            )
 
     def close(self) -> None:
         """The journal is read, or nothing more of it can be."""
@@ -226,7 +253,9 @@ class CheckedRun:
             self._ask(judge, partial(judge.at_end, self.world), max(self.world.events - 1, 0))
 
     def misnamed(self) -> dict[Property, str]:
-        """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
+        """The properties of what the journal does not know, or does not allow: they would hold
+        whatever happens.
+        """
         world = self.world
         messages = self.messages | world.declared.keys()
         found = {}
@@ -234,7 +263,9 @@ class CheckedRun:
             for one in judge.stated.predicates:
                 if isinstance(one, OfMessages) and one.is_typed:
                     misfit = "" if judge.matches.has_subject(one) else _misfit(one, world)
-                    unknown = _unknown("message", one.message, messages) or _unknown("module", one.module, self.modules)
+                    unknown = _unknown("message", one.message, messages) or _unknown(
+                        "module", one.module, self.modules
+                    )
                     if wrong := unknown or misfit:
                         found[judge.stated] = wrong
         return found

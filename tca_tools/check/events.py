@@ -36,10 +36,14 @@ Take = Callable[[JournalWorld, Any], None]
 
 
 def _of(
-    find: Callable[[JournalWorld, int, str], MessageRecord | None], number: str, what: str,
+    find: Callable[[JournalWorld, int, str], MessageRecord | None],
+    number: str,
+    what: str,
     take: Callable[[JournalWorld, MessageRecord, Any], None],
-) -> Take:  # fmt: skip
-    """The handler for a fact about one message: *find* it by *number*, or report that *what* happened to none."""
+) -> Take:
+    """The handler for a fact about one message: *find* it by *number*, or report that *what*
+    happened to none.
+    """
     number_of = attrgetter(number)
 
     def take_if_known(world: JournalWorld, fact: Any) -> None:

@@ -1,4 +1,6 @@
-"""Failures and their exception handlers; kills, suspension and retries, and what they do to all under a task."""
+"""Failures and their exception handlers; kills, suspension and retries, and what they do to all
+under a task.
+"""
 
 from collections.abc import Iterator
 
@@ -11,11 +13,16 @@ from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT, START_HANDLING, STARTS
 from tca_wire.vocabulary import Role
 
-OWN, BESIDE = 0, -1  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
+OWN, BESIDE = (
+    0,
+    -1,
+)  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
 
 
 def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None:
-    """A failure is raised on a task that has not ended: the search for an exception handler begins."""
+    """A failure is raised on a task that has not ended: the search for an exception handler
+    begins.
+    """
     if not fact.is_beside and (task.is_killed or task.again):
         task.returned = task.is_killed
         return
@@ -31,7 +38,11 @@ def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
 
 def _check_found(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not task.is_killed:
-        world.broken(CAUGHT, task, f"failed ({task.failure}), and that was neither caught nor called unhandled")
+        world.broken(
+            CAUGHT,
+            task,
+            f"failed ({task.failure}), and that was neither caught nor called unhandled",
+        )
     task.searches.clear()
 
 
@@ -61,7 +72,7 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
 
 def _miscalled(
     world: JournalWorld, task: MessageRecord, handler: MessageRecord, fact: facts.Caught
-) -> Iterator[str]:  # fmt: skip
+) -> Iterator[str]:
     """What is wrong with a call of an exception handler, by its attachment."""
     attached = world.attached.get(fact.attachment)
     if attached is None:
@@ -74,7 +85,11 @@ def _miscalled(
         if not task.is_orphan:
             yield f"was called at {name}, which is not above {task}"
         return
-    is_here = at is not None and at.message == attached.message if attached.message else attached.task == fact.at
+    is_here = (
+        at is not None and at.message == attached.message
+        if attached.message
+        else attached.task == fact.at
+    )
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
         yield f"was called at {name}: {attached.handler} is attached to {whose}"
@@ -92,7 +107,9 @@ def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
 
 
 def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -> None:
-    """No handler is left: the top-level task is killed, or the exception handler that could not decide."""
+    """No handler is left: the top-level task is killed, or the exception handler that could not
+    decide.
+    """
     after = _found(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding, task.returned = 0, True
@@ -105,9 +122,11 @@ def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -
     world.expect(lambda: top.is_killed or top.is_orphan, CAUGHT, top, what)
 
 
-def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool) -> bool:
-    """Whether it is an exception handler that ends, and not the top-level task. It is the nearest; it must be one where
-    the failure *is_new*, so that its name is known.
+def _must_pass_over(
+    world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool
+) -> bool:
+    """Whether it is an exception handler that ends, and not the top-level task. It is the nearest;
+    it must be one where the failure *is_new*, so that its name is known.
     """
     nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
     if fact.undecided:
@@ -166,7 +185,9 @@ def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) ->
 def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
         handler = failing.ended_handlers[0]
-        world.broken(RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended")
+        world.broken(
+            RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended"
+        )
     failing.ended_handlers.clear()
 
 
@@ -177,7 +198,11 @@ def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> N
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
     if handler := _pop_ended(task):
         if not (handler.has_resolved or handler.is_stranger):
-            world.broken(RESOLVED, task, f"recovered, and {handler} neither resolved its failure nor retried it")
+            world.broken(
+                RESOLVED,
+                task,
+                f"recovered, and {handler} neither resolved its failure nor retried it",
+            )
         if task.deciding == handler.id:
             task.deciding, task.returned = 0, True
     task.failure, task.is_resolved = "", True
@@ -213,10 +238,12 @@ def removed(world: JournalWorld, fact: facts.Removed) -> None:
     if tap is not None:
         world.taps_before.get(tap.message, {}).pop(fact.id, None)
     elif world.attached.pop(fact.id, None) is None and world.is_whole:
-        world.broken(HANDLER, 0, f"{{{fact.id}}} was removed, and is no exception handler or wiretap")
+        world.broken(
+            HANDLER, 0, f"{{{fact.id}}} was removed, and is no exception handler or wiretap"
+        )
 
 
-# --- kills, suspension and retries -----------------------------------------------------------------------------------
+# --- kills, suspension and retries ----------------------------------------------------------------
 
 
 def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
@@ -224,7 +251,9 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
     if item.is_killed:
         world.broken(KILLED, item, "was killed a second time")
     if any(after <= 0 for after in item.searches):
-        what = f"failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
+        what = (
+            f"failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
+        )
         world.broken(CAUGHT, item, what)
     item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
     item.never_began = STARTS & ~item.reached
@@ -234,7 +263,9 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
         return
     item.is_void = True
     _deals_no_more(world, failing, item.id)
-    failing.searches.append(item.id)  # a killed exception handler has decided nothing: the search goes on
+    failing.searches.append(
+        item.id
+    )  # a killed exception handler has decided nothing: the search goes on
     what = "was killed, and nobody else was asked to deal with its failure"
     world.expect(lambda: item.id not in failing.searches or failing.is_killed, KILLED, item, what)
 
@@ -257,7 +288,9 @@ def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrR
             world.touched[one] = None
         below += one.children.values()
     if not is_new and not (item.is_killed or item.is_orphan):
-        world.broken(SUSPENDED, item, f"was {'suspended' if fact.is_suspended else 'resumed'} already")
+        world.broken(
+            SUSPENDED, item, f"was {'suspended' if fact.is_suspended else 'resumed'} already"
+        )
 
 
 def retried(world: JournalWorld, fact: facts.Retried) -> None:

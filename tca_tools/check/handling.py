@@ -1,4 +1,6 @@
-"""Messages on their way: queued, given to one handler, returned; and the capacity and locks of resources."""
+"""Messages on their way: queued, given to one handler, returned; and the capacity and locks of
+resources.
+"""
 
 from tca_tools.check import lives, rules
 from tca_tools.check.failing import failed as failed_task
@@ -30,8 +32,12 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
         world.broken(rules.HANDLES, item, f"was queued for {said(place)}, and nobody handles it")
 
 
-def _moved(world: JournalWorld, fact: facts.Queued | facts.Delivered, what: str) -> MessageRecord | None:
-    """The message that is queued or given to a handler; it may be so, and leaves a handler that is lost."""
+def _moved(
+    world: JournalWorld, fact: facts.Queued | facts.Delivered, what: str
+) -> MessageRecord | None:
+    """The message that is queued or given to a handler; it may be so, and leaves a handler that is
+    lost.
+    """
     item = world.delivery(fact, what)
     if item is not None:
         _may_be_begun(world, item, what)
@@ -89,7 +95,9 @@ def _may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
 
 def _task_may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_over or item.is_killed:
-        world.broken(rules.KILLED, item, f"{what}, and {'is over' if item.is_over else 'is killed'}")
+        world.broken(
+            rules.KILLED, item, f"{what}, and {'is over' if item.is_over else 'is killed'}"
+        )
     if not item.reached & START_HANDLING:
         for rule, why in too_early(world, item, first_moments(item), item.reached):
             world.broken(rule, item, f"{what} {why}")
@@ -115,7 +123,9 @@ def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
 def _may_go_to(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
     handled_in = world.handlers.get(item.message, {}).get(place.module)
     if world.is_whole and handled_in != place.name and not place.is_recalling:  # it had it ahead
-        instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
+        instead = (
+            f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
+        )
         world.broken(rules.HANDLES, item, f"was given to {said(place)}{instead}")
     check_locks(world, item, place)
 
@@ -127,7 +137,9 @@ def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord)
         is_own = item.message_class.has_reply and item.sender == place.module
         if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
             how = "reserved" if held_by.is_reserved else "locked"
-            world.broken(rules.LOCKED, item, f"was given to {said(place)}, which {held_by.sender} has {how}")
+            world.broken(
+                rules.LOCKED, item, f"was given to {said(place)}, which {held_by.sender} has {how}"
+            )
 
 
 def _end_run(world: JournalWorld, item: MessageRecord) -> None:
@@ -142,7 +154,11 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
     """A handler returns."""
     if item.place is None or item.given_as != fact.id:
         if not item.is_stranger and (item.given_as == fact.id or world.is_whole):
-            world.broken(rules.RETURNED, item.id, f"{world.name(fact.id)} was returned, and no handler had it")
+            world.broken(
+                rules.RETURNED,
+                item.id,
+                f"{world.name(fact.id)} was returned, and no handler had it",
+            )
         return
     _end_run(world, item)
     if fact.outcome is Outcome.FAILED:
@@ -160,7 +176,9 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
 
 
 def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
-    """The message of that number; a new one is a copy that came to nothing before it was queued anywhere."""
+    """The message of that number; a new one is a copy that came to nothing before it was queued
+    anywhere.
+    """
     if world.first and number > world.newest:
         world.note_number(number)
         return None
@@ -192,7 +210,9 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
 
 def _may_fail(world: JournalWorld, task: MessageRecord, failure: str) -> bool:
     """Whether a task that no handler has may fail."""
-    is_rejected = failure == REJECTED and task.begun_in == world.event  # by central: its handler is busy
+    is_rejected = (
+        failure == REJECTED and task.begun_in == world.event
+    )  # by central: its handler is busy
     return task.must_fail or task.message_class.is_monitor or task.is_stranger or is_rejected
 
 
@@ -216,7 +236,7 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
         world.finish(item)
 
 
-# --- answers ---------------------------------------------------------------------------------------------------------
+# --- answers --------------------------------------------------------------------------------------
 
 
 def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> None:
@@ -255,7 +275,7 @@ def _must_answer(world: JournalWorld, item: MessageRecord) -> None:
     world.finish(item)
 
 
-# --- when all of an event is known -----------------------------------------------------------------------------------
+# --- when all of an event is known ----------------------------------------------------------------
 
 
 def check_places(world: JournalWorld) -> None:
@@ -276,9 +296,20 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
     if not world.is_whole or not capacity or claims.held_by is not None:
         return
     if claims.waiting:
-        if not any(one.waiting or one.runs or one.nested or one.is_recalling for one in claims.places):
+        if not any(
+            one.waiting or one.runs or one.nested or one.is_recalling for one in claims.places
+        ):
             claim = next(iter(claims.waiting.values()))
-            world.broken(rules.FREE, claim.origin, f"{claim_in_words(claim)} is not granted, and nobody is in there")
-    elif place.waiting and not world.is_holding and taken + len(place.nested) < capacity and not place.is_recalling:
+            world.broken(
+                rules.FREE,
+                claim.origin,
+                f"{claim_in_words(claim)} is not granted, and nobody is in there",
+            )
+    elif (
+        place.waiting
+        and not world.is_holding
+        and taken + len(place.nested) < capacity
+        and not place.is_recalling
+    ):
         what = f"waits for {said(place)}, which takes {capacity} and has {taken}"
         world.broken(rules.FREE, next(iter(place.waiting.values())), what)

@@ -28,16 +28,24 @@ class Judge:
         self._had_case = False
 
     def after(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> str:
-        """After an event: what is wrong. Where not all of the run is known, only what is certain."""
+        """After an event: what is wrong. Where not all of the run is known, only what is
+        certain.
+        """
         self.matches.update(world, changed)
-        self._had_case = self._had_case or self.stated.case is None or self.matches.true_of(self.stated.case).is_true
+        self._had_case = (
+            self._had_case
+            or self.stated.case is None
+            or self.matches.true_of(self.stated.case).is_true
+        )
         self._memory, breach = self.stated.seen(self.matches, self._memory)
         if breach is None or not (world.is_whole or (self.stated.is_certain and breach.messages)):
             return ""
         return self._in_words(breach)
 
     def at_end(self, world: JournalWorld) -> str:
-        """When the journal is read: what is wrong. Of what was to come within some time, that may not be over."""
+        """When the journal is read: what is wrong. Of what was to come within some time, that may
+        not be over.
+        """
         if isinstance(self.stated, CasesProperty):
             return self._of_cases(self.stated, world)
         left = [task for task in world.tasks if not task.is_over]
@@ -46,11 +54,20 @@ class Judge:
         if self._memory or not (world.is_whole and self.stated.is_owed(self._memory)):
             return ""
         name = next((one.message for one in self.stated.named), "")
-        left = [item for item in world.messages if name and item.message == name and not item.is_over]
+        left = [
+            item for item in world.messages if name and item.message == name and not item.is_over
+        ]
         if left:
             return f"it never did; what stands when the journal ends: {self._blame(left)}"
-        self.culprit = max((number for number, gone in world.over.items() if name and gone.message == name), default=0)
-        return f"it never did; {world.name(self.culprit)} was the last to end" if self.culprit else "it never did"
+        self.culprit = max(
+            (number for number, gone in world.over.items() if name and gone.message == name),
+            default=0,
+        )
+        return (
+            f"it never did; {world.name(self.culprit)} was the last to end"
+            if self.culprit
+            else "it never did"
+        )
 
     def _of_cases(self, stated: CasesProperty, world: JournalWorld) -> str:
         """What is wrong with the cases of the run. Of a part of one nothing can be said."""
@@ -68,15 +85,25 @@ class Judge:
             return self.stated.why_not_judged(self.counted) if self.counted is not None else ""
         for one in self.stated.predicates:
             if isinstance(one, OfMessages) and not self.matches.has_subject(one):
-                return f"in this run there never was '{one.subject}'" if one.message or one.data else ""
-        return "" if self._had_case else f"in this run there never was '{words_of(self.stated.case)}'"
+                return (
+                    f"in this run there never was '{one.subject}'"
+                    if one.message or one.data
+                    else ""
+                )
+        return (
+            "" if self._had_case else f"in this run there never was '{words_of(self.stated.case)}'"
+        )
 
     def _in_words(self, breach: Breach) -> str:
         newest = max((one.id for one in breach.newest), default=0)
-        return ": ".join(part for part in (breach.what, self._blame(breach.messages, newest)) if part)
+        return ": ".join(
+            part for part in (breach.what, self._blame(breach.messages, newest)) if part
+        )
 
     def _blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """The messages (a ``TaskAt`` will do) in words, the culprit first; if none is known, that is the oldest."""
+        """The messages (a ``TaskAt`` will do) in words, the culprit first; if none is known, that
+        is the oldest.
+        """
         found = sorted(items, key=lambda item: (item.id != culprit, item.id))
         self.culprit = found[0].id if found else 0
         more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
@@ -84,19 +111,22 @@ class Judge:
 
 
 class Matches:
-    """The messages of which the predicates of a property are true. After an event only what it touched is looked at
-    again; functions are asked anew.
+    """The messages of which the predicates of a property are true. After an event only what it
+    touched is looked at again; functions are asked anew.
     """
 
     def __init__(self, predicates: Iterable[Predicate]) -> None:
         self._matches: dict[int, _Match] = {
-            id(one): _OfMessages(one) if isinstance(one, OfMessages) else _Match(one) for one in predicates
+            id(one): _OfMessages(one) if isinstance(one, OfMessages) else _Match(one)
+            for one in predicates
         }
         self._world: JournalWorld | None = None
         self.passed = 0.0
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
-        """An event is over, which changed these messages at most. Of another world than before nothing is known yet."""
+        """An event is over, which changed these messages at most. Of another world than before
+        nothing is known yet.
+        """
         is_new, self._world, self.passed = world is not self._world, world, world.passed
         for match in self._matches.values():
             if is_new:
@@ -112,7 +142,9 @@ class Matches:
         return self._matches[id(predicate)].newly
 
     def has_subject(self, predicate: Predicate) -> bool:
-        """Whether there was any message that it is about, in whatever state: else that it never held says nothing."""
+        """Whether there was any message that it is about, in whatever state: else that it never
+        held says nothing.
+        """
         return self._matches[id(predicate)].has_subject
 
 

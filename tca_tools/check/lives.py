@@ -11,7 +11,9 @@ from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_li
 from tca_wire.vocabulary import Party
 
 UNKNOWN = -1
-"""Of a serial number: what was declared before the journal begins decides how often the state has changed."""
+"""Of a serial number: what was declared before the journal begins decides how often the state has
+changed.
+"""
 
 
 def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
@@ -36,7 +38,9 @@ def end(world: JournalWorld, task: MessageRecord) -> None:
 
 
 def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
-    """A task waits for a handler, or a *module* gets it: once more, or for the first time, which accepts it."""
+    """A task waits for a handler, or a *module* gets it: once more, or for the first time, which
+    accepts it.
+    """
     if not task.is_task or task.is_stranger:
         return
     if not world.is_whole and module not in world.handlers.get(task.message, {}):
@@ -65,7 +69,7 @@ def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) 
 
 def _mistaken(
     cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged, step: Transition | None
-) -> Iterator[str]:  # fmt: skip
+) -> Iterator[str]:
     """What is wrong with a transition, which its table has as a *step*, if it has it."""
     if step is None:
         other = cycle.steps.get((task.state, fact.transition))
@@ -79,8 +83,8 @@ def _mistaken(
 
 
 def _step(cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged) -> Transition | None:
-    """The row of the table: central may take those of both, and a server may have taken its own before it knew what
-    clients ask for.
+    """The row of the table: central may take those of both, and a server may have taken its own
+    before it knew what clients ask for.
     """
     parties = (Party.CLIENT, Party.SERVER) if fact.by is Party.CENTRAL else (fact.by,)
     sources = [task.state, *task.overtaken] if fact.by is Party.SERVER else [task.state]

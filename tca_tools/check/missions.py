@@ -1,4 +1,6 @@
-"""Tasks of missions: one that did not complete has failed or was killed, whatever its mission makes of that."""
+"""Tasks of missions: one that did not complete has failed or was killed, whatever its mission makes
+of that.
+"""
 
 from contextlib import suppress
 
@@ -24,8 +26,16 @@ def check_status(world: JournalWorld, item: MessageRecord, fact: facts.Returned)
 def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
     """A failure of a task has been dealt with: the mission itself does not do that."""
     handler = task.ended_handlers[0] if task.ended_handlers else None
-    if handler is not None and handler.message.startswith("mission ") and _is_of_mission(world, task):
-        world.broken(MISSION, task, f"failed ({task.failure}), and counts as done, since {handler} dealt with that")
+    if (
+        handler is not None
+        and handler.message.startswith("mission ")
+        and _is_of_mission(world, task)
+    ):
+        world.broken(
+            MISSION,
+            task,
+            f"failed ({task.failure}), and counts as done, since {handler} dealt with that",
+        )
 
 
 def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:

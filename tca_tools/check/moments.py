@@ -1,4 +1,6 @@
-"""Tasks reach moments, others wait for these, and each event brings a task as far as it can come."""
+"""Tasks reach moments, others wait for these, and each event brings a task as far as it can
+come.
+"""
 
 from tca_tools.check import lives, rules
 from tca_tools.check.failing import handler_ended
@@ -83,11 +85,13 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
     world.finish(item)
 
 
-# --- waiters for a moment --------------------------------------------------------------------------------------------
+# --- waiters for a moment -------------------------------------------------------------------------
 
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
-    """A module waits for a moment of a task; or for changes, which its end is at the latest; or for other things."""
+    """A module waits for a moment of a task; or for changes, which its end is at the latest; or for
+    other things.
+    """
     waits = world.waits.setdefault(fact.key, [])
     waits.append(fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING)
     item = world.items.get(fact.task)
@@ -126,7 +130,7 @@ def check_waits(world: JournalWorld, item: MessageRecord) -> None:
                 world.broken(rules.WAITS, item.id, what)
 
 
-# --- no event ends while a task that it touched could still go on ----------------------------------------------------
+# --- no event ends while a task that it touched could still go on ---------------------------------
 
 
 def check_settled(world: JournalWorld) -> None:
@@ -139,7 +143,9 @@ def check_settled(world: JournalWorld) -> None:
         elif item.is_task and not item.is_stranger:
             for moments in next_moments(item):
                 if not too_early(world, item, moments, item.reached):
-                    what = f"nothing keeps {item} from {in_words(moments)}, and it does not reach that"
+                    what = (
+                        f"nothing keeps {item} from {in_words(moments)}, and it does not reach that"
+                    )
                     world.broken(rules.SETTLED, item.id, what)
             if item.watchers:
                 check_watchers(world, item)

@@ -1,6 +1,8 @@
-"""What keeps a task from its moments: their order, constraints, what it is under, what is under it, and its handler.
+"""What keeps a task from its moments: their order, constraints, what it is under, what is under it,
+and its handler.
 
-A moment that comes in spite of these is too early; one that does not come without any of them is missed.
+A moment that comes in spite of these is too early; one that does not come without any of them is
+missed.
 """
 
 from collections.abc import Iterator
@@ -55,14 +57,20 @@ def next_moments(item: MessageRecord) -> Iterator[int]:
         if not (item.is_queued or item.is_suspended or item.is_orphan):
             yield first_moments(item)
     else:
-        if item.is_goal and not reached & START_ACHIEVING and not (item.is_orphan and item.parent is None):
+        if (
+            item.is_goal
+            and not reached & START_ACHIEVING
+            and not (item.is_orphan and item.parent is None)
+        ):
             yield START_ACHIEVING
         if item.returned and item.place is None:
             yield from [end for end in _ENDS if not reached & end][:1]
 
 
 def first_moments(item: MessageRecord) -> int:
-    """The moments that a task reaches when a handler gets it. A goal may have to wait for its achieving."""
+    """The moments that a task reaches when a handler gets it. A goal may have to wait for its
+    achieving.
+    """
     first = RULES[item.is_goal].delivery
     for hold in item.holds:
         if hold.before is item and hold.moment & first:
@@ -70,8 +78,12 @@ def first_moments(item: MessageRecord) -> int:
     return first
 
 
-def too_early(world: JournalWorld, item: MessageRecord, moments: int, before: int) -> list[tuple[Rule, str]]:
-    """What keeps a task, which has reached those *before*, from moments that come together: by which rule, in words."""
+def too_early(
+    world: JournalWorld, item: MessageRecord, moments: int, before: int
+) -> list[tuple[Rule, str]]:
+    """What keeps a task, which has reached those *before*, from moments that come together: by
+    which rule, in words.
+    """
     found: list[tuple[Rule, str]] = []
     if not item.is_stranger:
         if _NEEDED[item.is_goal][moments] & ~(before | moments):
@@ -97,7 +109,11 @@ def _add_held_back(found: list[tuple[Rule, str]], item: MessageRecord, moments: 
     if item.holds and (missing := not_met(item, moments)):
         found.append((rules.CONSTRAINT, f"before {missing}"))
     parent = item.parent
-    if parent is not None and moments & _PARENT_FIRST[item.is_goal] & ~parent.reached and not item.role:
+    if (
+        parent is not None
+        and moments & _PARENT_FIRST[item.is_goal] & ~parent.reached
+        and not item.role
+    ):
         found.append((rules.FAMILY, f"before the start of {parent}, under which it is"))
     if moments & START_HANDLING and item.is_suspended and not item.is_orphan:
         found.append((rules.SUSPENDED, "while it was suspended"))
@@ -128,7 +144,9 @@ def not_met(item: MessageRecord, moments: int) -> str:
     said = [
         _said(hold)
         for hold in item.holds
-        if hold.moment & moments and not hold.is_met and not (hold.before is item and hold.needs & moments)
+        if hold.moment & moments
+        and not hold.is_met
+        and not (hold.before is item and hold.needs & moments)
     ]
     return ", ".join(said)
 

@@ -37,7 +37,11 @@ def left(world: JournalWorld, fact: facts.ModuleLeft) -> None:
     for place in world.places.values():
         if place.module == fact.module:
             if place.capacity:
-                world.broken(PRESENT, 0, f"module '{fact.module}' left, and {said(place)} still takes {place.capacity}")
+                world.broken(
+                    PRESENT,
+                    0,
+                    f"module '{fact.module}' left, and {said(place)} still takes {place.capacity}",
+                )
             place.capacity = 0 if place.capacity is not None else None
             world.places_touched[place] = None
             world.slots_lost.add(place)
@@ -49,7 +53,9 @@ def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
     place = world.place(fact.module, fact.resource)
     before = place.capacity if place.capacity is not None else 0 if world.is_whole else None
     if before is not None and abs(fact.capacity - before) != 1:
-        world.broken(CAPACITY, 0, f"{said(place)} takes {fact.capacity} at a time, and took {before} before")
+        world.broken(
+            CAPACITY, 0, f"{said(place)} takes {fact.capacity} at a time, and took {before} before"
+        )
     if before is None or fact.capacity < before:
         world.slots_lost.add(place)
     place.capacity = fact.capacity
@@ -83,7 +89,11 @@ def no_handler(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
     """A module stops handling a message."""
     handlers = world.handlers.get(fact.message, {})
     if handlers.pop(fact.module, None) is None and world.is_whole:
-        world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} no longer, and did not before")
+        world.broken(
+            HANDLES,
+            0,
+            f"module '{fact.module}' handles {fact.message} no longer, and did not before",
+        )
     if not handlers:
         world.handlers.pop(fact.message, None)
     _handlers_changed(world, fact.message)
@@ -100,7 +110,7 @@ def _must_be_there(world: JournalWorld, module: str, what: str) -> None:
         world.broken(PRESENT, 0, f"module '{module}' {what}, and is not there")
 
 
-# --- locks and reservations ------------------------------------------------------------------------------------------
+# --- locks and reservations -----------------------------------------------------------------------
 
 
 def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
@@ -133,7 +143,9 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
 
 
 def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
-    """Whether the resource is used by the module that asks; of nested handlers only the module is known."""
+    """Whether the resource is used by the module that asks; of nested handlers only the module is
+    known.
+    """
     return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
 
 
@@ -154,7 +166,9 @@ def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
 
 def _unknown(world: JournalWorld, claim: int, what: str) -> None:
     if world.must_know(claim):
-        world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation")
+        world.broken(
+            GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation"
+        )
 
 
 def claim_in_words(claim: facts.Claimed) -> str:

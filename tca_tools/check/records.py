@@ -1,4 +1,6 @@
-"""Records of the messages, resources and claims of a run at one event. Plain data; the fold fills them."""
+"""Records of the messages, resources and claims of a run at one event. Plain data; the fold fills
+them.
+"""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +27,10 @@ class Hold:
     moment: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.needs, self.moment = int(self.constraint.before.moment), int(self.constraint.after.moment)
+        self.needs, self.moment = (
+            int(self.constraint.before.moment),
+            int(self.constraint.after.moment),
+        )
 
     @property
     def is_met(self) -> bool:
@@ -37,7 +42,9 @@ class Hold:
 
 @dataclass(slots=True, eq=False)
 class ResourceClaims:
-    """The locks and reservations of a resource, held and wanted; of a program with several copies, in all of them."""
+    """The locks and reservations of a resource, held and wanted; of a program with several copies,
+    in all of them.
+    """
 
     places: "list[ResourceRecord]" = field(default_factory=list)
     waiting: dict[int, facts.Claimed] = field(default_factory=dict)
@@ -61,14 +68,18 @@ class ResourceRecord:
 
 @dataclass(slots=True, eq=False)
 class MessageRecord(MessageView):
-    """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
+    """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or
+    multi-query.
+    """
 
     id: int
     message: str
     message_class: MessageClass
     sender: str
     sent_by: str
-    """The sender; where that is central, the sender of what it made the message for ("": not known)."""
+    """The sender; where that is central, the sender of what it made the message for ("": not
+    known).
+    """
     body: bytes
     role: Role = Role.NONE
     about: int = 0
@@ -122,10 +133,14 @@ class MessageRecord(MessageView):
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
     searches: list[int] = field(default_factory=list)
     """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
-    ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
+    ended_handlers: "list[MessageRecord]" = field(
+        default_factory=list
+    )  #: exception handlers that have just ended
     has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
     is_void: bool = False  #: of an exception handler: it decides nothing any more
-    invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
+    invocations: dict[int, int] = field(
+        default_factory=dict
+    )  #: how often each attachment was called here
 
     is_tapped: bool = True  #: wiretaps are fired for it
     tap: int = 0  #: of a listener: the wiretap that sent it

@@ -1,4 +1,6 @@
-"""The result of a check as text: the journal, each broken rule with its place, and the story of the message."""
+"""The result of a check as text: the journal, each broken rule with its place, and the story of the
+message.
+"""
 
 from collections.abc import Iterator
 
@@ -30,13 +32,19 @@ def head_lines(run: CheckedRun, journal: Log) -> Iterator[str]:
     if len(run.gaps) > _MOST_GAPS:
         notes.append(f"and {len(run.gaps) - _MOST_GAPS} more places like these")
     if not run.is_closed:
-        why = "central still runs" if journal.is_being_written else "central was stopped by force, or this is a copy"
+        why = (
+            "central still runs"
+            if journal.is_being_written
+            else "central was stopped by force, or this is a copy"
+        )
         notes.append(f"it is not closed: {why}")
     yield from (click.style(f"  {note}", fg="yellow") for note in notes)
 
 
 def verdict_lines(run: CheckedRun, misnamed: dict[Property, str]) -> Iterator[str]:
-    """The verdict, and the properties that say nothing. Of a journal with gaps it says only that no breach was seen."""
+    """The verdict, and the properties that say nothing. Of a journal with gaps it says only that no
+    breach was seen.
+    """
     if run.rules_kept < len(RULES):
         yield f"{run.rules_kept} of {len(RULES)} rules are kept"
     else:
@@ -49,19 +57,27 @@ def verdict_lines(run: CheckedRun, misnamed: dict[Property, str]) -> Iterator[st
 
 
 def _good(what: str, *, is_whole: bool) -> str:
-    return click.style(f"good: {what}", fg="green") if is_whole else f"no breach in what can be read: {what}"
+    return (
+        click.style(f"good: {what}", fg="green")
+        if is_whole
+        else f"no breach in what can be read: {what}"
+    )
 
 
-def violation_lines(violations: list[Violation], journal: Log, *, everything: bool) -> Iterator[str]:
-    """The violations with their stories: all, or the first breach of a rule (others may follow from it) and those of
-    properties.
+def violation_lines(
+    violations: list[Violation], journal: Log, *, everything: bool
+) -> Iterator[str]:
+    """The violations with their stories: all, or the first breach of a rule (others may follow from
+    it) and those of properties.
     """
     if not violations:
         return
     run, width = History.until(open_log(journal.path)), line_width()
     first_rule = [violation for violation in violations if violation.source][:1]
     firsts = [*first_rule, *(violation for violation in violations if not violation.source)]
-    shown = sorted(violations if everything else firsts, key=lambda violation: violation.place)[:_MOST_SHOWN]
+    shown = sorted(violations if everything else firsts, key=lambda violation: violation.place)[
+        :_MOST_SHOWN
+    ]
     for violation in shown:
         yield ""
         yield from _violation(violation, run, width)
@@ -71,7 +87,9 @@ def violation_lines(violations: list[Violation], journal: Log, *, everything: bo
 
 def _violation(violation: Violation, run: Run, width: int | None) -> Iterator[str]:
     where = f"at {violation.time:.3f} s, entry {violation.event}"
-    yield click.style(cut(printable(f"BROKEN {where}: {violation.rule}"), width), fg="red", bold=True)
+    yield click.style(
+        cut(printable(f"BROKEN {where}: {violation.rule}"), width), fg="red", bold=True
+    )
     yield cut(printable(f"  {violation.what}"), width)
     if violation.source:
         yield click.style(cut(f"  the rule: {violation.source}", width), dim=True)

@@ -1,4 +1,6 @@
-"""``tca check --rerun``: a run's inputs through this version's core, beside the facts that its journal has."""
+"""``tca check --rerun``: a run's inputs through this version's core, beside the facts that its
+journal has.
+"""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice, zip_longest
@@ -18,12 +20,18 @@ _SHOWN = 5  # facts of each side
 
 
 def rerun(journal: Log) -> tuple[list[str], bool]:
-    """What came of it, in lines, and whether it is as it was. Raises ClickException if it can't be done."""
+    """What came of it, in lines, and whether it is as it was. Raises ClickException if it can't be
+    done.
+    """
     if not journal.path.is_dir():
-        raise click.UsageError(f"{journal.path}: give the folder of the journal, in which its inputs are, too")
+        raise click.UsageError(
+            f"{journal.path}: give the folder of the journal, in which its inputs are, too"
+        )
     segments = newest_run(journal.path, journal.epoch or "")
     if not segments:
-        raise click.ClickException(f"{journal.path} has no inputs of this run: central kept none, or they were removed")
+        raise click.ClickException(
+            f"{journal.path} has no inputs of this run: central kept none, or they were removed"
+        )
     try:
         replay = InputReplay(journal.path, segments, cuts=True, from_first=True)
         began = replay.began
@@ -48,7 +56,9 @@ def _told(difference: Difference) -> Iterator[str]:
     yield f"FIRST DIFFERENCE at {first.time:.3f} s, entry {first.number}"
     old = written.facts if written.number == first.number else []
     new = given.facts if given is not None and given.number == first.number else []
-    same = next((place for place, (one, other) in enumerate(zip_longest(old, new)) if one != other), 0)
+    same = next(
+        (place for place, (one, other) in enumerate(zip_longest(old, new)) if one != other), 0
+    )
     yield f"  the first {same} facts are the same" if same else f"  {_cause(first)}"
     yield "  the journal has"
     yield from _facts(old[same:])
@@ -57,7 +67,9 @@ def _told(difference: Difference) -> Iterator[str]:
 
 
 def _cause(entry: Entry) -> str:
-    return printable(Wording().cause(entry.cause)) if entry.cause is not None else "of central's own"
+    return (
+        printable(Wording().cause(entry.cause)) if entry.cause is not None else "of central's own"
+    )
 
 
 def _facts(facts: Iterable[Fact]) -> Iterator[str]:

@@ -1,4 +1,6 @@
-"""The rules that every run keeps, in words, and where each is written. How they are tested is in the fold's files."""
+"""The rules that every run keeps, in words, and where each is written. How they are tested is in
+the fold's files.
+"""
 
 from typing import NamedTuple
 
@@ -24,73 +26,127 @@ class Violation(NamedTuple):
     place: int
     """How many entries come before the one that breaks it."""
     event: int
-    """The number of that entry, which is that of its event: events that change nothing have no entry."""
+    """The number of that entry, which is that of its event: events that change nothing have no
+    entry.
+    """
     time: float
     message: int
     """The message that it is about (0: none)."""
     what: str
 
 
-# --- the journal -----------------------------------------------------------------------------------------------------
+# --- the journal ----------------------------------------------------------------------------------
 
-CLOCK = Rule("time and the numbers of entries never go back", "facts.Entry: a clock that never jumps")
-NUMBERS = Rule("a message is received once, and has a number above all before it", "facts.py: ids from one counter")
+CLOCK = Rule(
+    "time and the numbers of entries never go back", "facts.Entry: a clock that never jumps"
+)
+NUMBERS = Rule(
+    "a message is received once, and has a number above all before it",
+    "facts.py: ids from one counter",
+)
 KNOWN = Rule("nothing happens to what was never sent", f"{PAPER}, schema TaskTree: received")
 ENDED = Rule("nothing happens to a task that has ended", f"{PAPER}, schema TaskTree: finished")
-PRESENT = Rule("a module joins before it does anything, and once; what it leaves is gone", f"{MANUAL}, modules")
+PRESENT = Rule(
+    "a module joins before it does anything, and once; what it leaves is gone", f"{MANUAL}, modules"
+)
 
-# --- the task tree ---------------------------------------------------------------------------------------------------
+# --- the task tree --------------------------------------------------------------------------------
 
-PARENT = Rule("a task has one parent: the root, or a task that has not ended", f"{PAPER}, schema TaskTree: parent")
-PLAIN = Rule("queries and informs hang under the root, without constraints", f"{PAPER}, schemas TaskTree and Node")
+PARENT = Rule(
+    "a task has one parent: the root, or a task that has not ended",
+    f"{PAPER}, schema TaskTree: parent",
+)
+PLAIN = Rule(
+    "queries and informs hang under the root, without constraints",
+    f"{PAPER}, schemas TaskTree and Node",
+)
 ONCE = Rule("a moment is reached once", f"{MANUAL}, temporal constraints")
-ORDER = Rule("the moments of a task come in their order", f"{MANUAL}, temporal constraints; TCM 2.10, nodes")
+ORDER = Rule(
+    "the moments of a task come in their order", f"{MANUAL}, temporal constraints; TCM 2.10, nodes"
+)
 COMMAND = Rule(
     "a command is handled when it may be achieved, and a goal when it may be planned",
     f"{PAPER}, schema Node: achievConst = onHoldUntil",
 )
 FAMILY = Rule(
-    "a task starts after its parent and ends after its children", f"{PAPER}, schema TaskTree: achievConst of the parent"
+    "a task starts after its parent and ends after its children",
+    f"{PAPER}, schema TaskTree: achievConst of the parent",
 )
-CONSTRAINT = Rule("no moment comes before what its constraints put before it", f"{MANUAL}, temporal constraints")
-DELAY = Rule("a delay is over when its time is, and not before", "TCM 2.10: DelayFor, DelayForAfter")
-SETTLED = Rule("what may happen happens at once", "TCM 2.10: the agenda is drained before anything else is done")
-KILLED = Rule("what is killed is not begun, and dies with all under it", f"{MANUAL}, killing task trees")
+CONSTRAINT = Rule(
+    "no moment comes before what its constraints put before it", f"{MANUAL}, temporal constraints"
+)
+DELAY = Rule(
+    "a delay is over when its time is, and not before", "TCM 2.10: DelayFor, DelayForAfter"
+)
+SETTLED = Rule(
+    "what may happen happens at once",
+    "TCM 2.10: the agenda is drained before anything else is done",
+)
+KILLED = Rule(
+    "what is killed is not begun, and dies with all under it", f"{MANUAL}, killing task trees"
+)
 SUSPENDED = Rule("nothing is begun while it is suspended", "TCM 2.10: Suspend")
 
-LIFE = Rule("a task's state goes by its life cycle, and its changes are numbered one after the other",
-            "Lütkebohle et al., The Task-State Pattern, 4.4 and 4.5")  # fmt: skip
-RESTARTED = Rule("after a restart of central no task begins before all are back or lost, or somebody says so",
-                 "docs/reliability.md")  # fmt: skip
+LIFE = Rule(
+    "a task's state goes by its life cycle, and its changes are numbered one after the other",
+    "Lütkebohle et al., The Task-State Pattern, 4.4 and 4.5",
+)
+RESTARTED = Rule(
+    "after a restart of central no task begins before all are back or lost, or somebody says so",
+    "docs/reliability.md",
+)
 
-# --- handlers and resources ------------------------------------------------------------------------------------------
+# --- handlers and resources -----------------------------------------------------------------------
 
-ONE_HANDLER = Rule("a message is with one handler at a time", f"{PAPER}, schema TaskTree: node.handler")
-RETURNED = Rule("a handler that was given a message returns once", f"{MANUAL}, replies and responses")
-HANDLES = Rule("a message goes to a module that handles it, in the resource of its handler", f"{MANUAL}, handlers")
+ONE_HANDLER = Rule(
+    "a message is with one handler at a time", f"{PAPER}, schema TaskTree: node.handler"
+)
+RETURNED = Rule(
+    "a handler that was given a message returns once", f"{MANUAL}, replies and responses"
+)
+HANDLES = Rule(
+    "a message goes to a module that handles it, in the resource of its handler",
+    f"{MANUAL}, handlers",
+)
 CAPACITY = Rule("a resource is never over its capacity", f"{MANUAL}, resources: capacity")
 FREE = Rule("nothing waits for a resource that is free", f"{MANUAL}, resources: pending messages")
-LOCKED = Rule("nobody gets into what others have locked or reserved", f"{MANUAL}, resources: locks and reservations")
-GRANTED = Rule("a lock or reservation is granted once, when nobody is in", f"{MANUAL}, resources: locks")
-QUEUED = Rule("a message waits in one queue until it leaves it", f"{MANUAL}, resources: pending messages")
-ANSWERED = Rule("whoever asked is answered once, as soon as there is an answer", f"{MANUAL}, queries")
+LOCKED = Rule(
+    "nobody gets into what others have locked or reserved",
+    f"{MANUAL}, resources: locks and reservations",
+)
+GRANTED = Rule(
+    "a lock or reservation is granted once, when nobody is in", f"{MANUAL}, resources: locks"
+)
+QUEUED = Rule(
+    "a message waits in one queue until it leaves it", f"{MANUAL}, resources: pending messages"
+)
+ANSWERED = Rule(
+    "whoever asked is answered once, as soon as there is an answer", f"{MANUAL}, queries"
+)
 WAITS = Rule("who waits for a moment goes on when it is reached", f"{MANUAL}, waiting for commands")
 
-# --- failures, wiretaps, monitors ------------------------------------------------------------------------------------
+# --- failures, wiretaps, monitors -----------------------------------------------------------------
 
 CAUGHT = Rule(
-    "a failure goes to the nearest exception handler, or ends the top-level task", f"{PAPER}, exception handling"
+    "a failure goes to the nearest exception handler, or ends the top-level task",
+    f"{PAPER}, exception handling",
 )
 HANDLER = Rule(
-    "an exception handler is called where it is attached, as often as it may be", f"{MANUAL}, exception handlers"
+    "an exception handler is called where it is attached, as often as it may be",
+    f"{MANUAL}, exception handlers",
 )
 RECOVERED = Rule(
-    "a failing task is handled when its exception handler has dealt with that", "TCM 2.10: exceptions, DoneHandling"
+    "a failing task is handled when its exception handler has dealt with that",
+    "TCM 2.10: exceptions, DoneHandling",
 )
-MISSION = Rule("a task of a mission that did not complete has failed or was killed", "docs/missions.md")
+MISSION = Rule(
+    "a task of a mission that did not complete has failed or was killed", "docs/missions.md"
+)
 RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
 TAPPED = Rule("a wiretap sends its listener before the tapped task goes on", f"{MANUAL}, wiretaps")
 MONITOR = Rule("a monitor watches from its start to its end", f"{MANUAL}, monitors")
-KEPT = Rule("a monitor that is not waited for ends when its parent waits for nothing else", "decision 42")
+KEPT = Rule(
+    "a monitor that is not waited for ends when its parent waits for nothing else", "decision 42"
+)
 
 RULES = [rule for rule in globals().values() if isinstance(rule, Rule)]

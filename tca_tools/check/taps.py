@@ -15,7 +15,9 @@ def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
     world.new_number(fact.id, "wiretap")
     if fact.task in world.over:  # it calls at once, or not at all
         world.late_taps.add(fact.id)
-        what = f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, and it was not fired"
+        what = (
+            f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, and it was not fired"
+        )
         world.expect(lambda: fact.id not in world.late_taps, TAPPED, fact.task, what)
     elif fact.task != ROOT:
         world.task(fact.task, "got a wiretap")
@@ -49,14 +51,27 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     if listener.tap:
         world.broken(TAPPED, listener, "was sent by a wiretap twice")
     listener.tap = tap.id
-    if listener.role is not Role.LISTENER or listener.about != fact.tapped or listener.message != tap.listener:
-        world.broken(TAPPED, listener, f"was sent for {world.name(fact.tapped)}: {tap.listener} should be")
-    if tapped is not None and tapped.is_task and listener.is_task and (end := CONDITIONS[tap.condition].holds_until):
+    if (
+        listener.role is not Role.LISTENER
+        or listener.about != fact.tapped
+        or listener.message != tap.listener
+    ):
+        world.broken(
+            TAPPED, listener, f"was sent for {world.name(fact.tapped)}: {tap.listener} should be"
+        )
+    if (
+        tapped is not None
+        and tapped.is_task
+        and listener.is_task
+        and (end := CONDITIONS[tap.condition].holds_until)
+    ):
         _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
 
 
 def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
-    """Central says that it sends no listener: there is no room, or too many listen to each other."""
+    """Central says that it sends no listener: there is no room, or too many listen to each
+    other.
+    """
     world.kept_out = fact.sender == CENTRAL
 
 
@@ -68,7 +83,9 @@ def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, liste
 
 
 def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int) -> None:
-    is_to_come = moment == START_HANDLING or not tapped.reached & moment  # it may be handled once more
+    is_to_come = (
+        moment == START_HANDLING or not tapped.reached & moment
+    )  # it may be handled once more
     if is_to_come and not listener.reached & end:
         points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
         hold = Hold(Constraint(*points), listener, None)
@@ -77,8 +94,8 @@ def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int)
 
 
 def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    """Check that a task goes on only after its wiretaps have fired; those without a handler for the listener do not.
-    What is sent for a wiretap is not tapped, nor what a monitor sends that was.
+    """Check that a task goes on only after its wiretaps have fired; those without a handler for the
+    listener do not. What is sent for a wiretap is not tapped, nor what a monitor sends that was.
     """
     of_message = world.taps_before.get(item.message)
     if not of_message or not item.is_tapped or not item.is_task:
@@ -90,14 +107,18 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
         if tap.id not in item.passed:
             world.broken(TAPPED, item, f"went on, and {which} was not fired")
         elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
-            world.broken(TAPPED, item, f"went on, and {which} was passed over, though somebody handles it")
+            world.broken(
+                TAPPED, item, f"went on, and {which} was passed over, though somebody handles it"
+            )
 
 
-# --- monitors --------------------------------------------------------------------------------------------------------
+# --- monitors -------------------------------------------------------------------------------------
 
 
 def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
-    """The monitor of that number; None, with a complaint if it can't be, or if nothing can be claimed of it."""
+    """The monitor of that number; None, with a complaint if it can't be, or if nothing can be
+    claimed of it.
+    """
     item = world.task(number, what)
     if item is None or item.is_stranger:
         return None
@@ -140,9 +161,17 @@ def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> 
 
 
 def answered(world: JournalWorld, condition: MessageRecord) -> None:
-    """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
+    """The condition of a monitor was answered: it is tested with the same event, if it still
+    watches.
+    """
     item = world.items.get(condition.about)
-    if item is None or item.is_stranger or item.asked != condition.id or item.returned or item.is_killed:
+    if (
+        item is None
+        or item.is_stranger
+        or item.asked != condition.id
+        or item.returned
+        or item.is_killed
+    ):
         return
     item.asked, item.untested = 0, 1
     world.later.append(lambda: _check_tested(world, item))

@@ -1,7 +1,8 @@
 """The messages under way at one event of a run, folded from the facts and from nothing else.
 
-It keeps what has not ended and the names of what has, so it stays small. A journal may begin in the middle: what was
-sent before is a stranger, of which nothing is claimed. The explorer has the same world of the runs that it plays.
+It keeps what has not ended and the names of what has, so it stays small. A journal may begin in the
+middle: what was sent before is a stranger, of which nothing is claimed. The explorer has the same
+world of the runs that it plays.
 """
 
 from collections import defaultdict
@@ -33,7 +34,9 @@ class EndedMessage(NamedTuple):
 
 
 class JournalWorld:
-    """The messages under way. What ended with the last event is still there; what ended before is not."""
+    """The messages under way. What ended with the last event is still there; what ended before is
+    not.
+    """
 
     kept_out = False
     """Central has said, in the event that is being folded, that it sends no listener."""
@@ -41,7 +44,8 @@ class JournalWorld:
     def __init__(self, violations: list[Violation], *, is_whole: bool, events: int = 0) -> None:
         self.violations = violations  #: those found are added here
         self.is_whole = is_whole  #: the journal is known from the beginning of the run
-        #: The first number of which all must be known (0: not known yet), and the highest given so far.
+        #: The first number of which all must be known (0: not known yet), and the highest given so
+        #: far.
         self.first, self.newest = int(is_whole), 0
         self.events = events  #: how many were seen before this one
         self.event, self.asked_by = 0, 0  #: its number, and the delivery whose handler asked for it
@@ -50,12 +54,16 @@ class JournalWorld:
         self.passed = 0.0  #: seconds that passed with the last event
         #: By number, oldest first; each copy of a broadcast has one of its own.
         self.items: dict[int, MessageRecord] = {}
-        self.deliveries: dict[int, MessageRecord] = {}  #: of tasks that are handled again: by delivery
+        self.deliveries: dict[
+            int, MessageRecord
+        ] = {}  #: of tasks that are handled again: by delivery
         self.history: Run | None = None  #: all records so far, where properties ask for them
         self.strange: set[int] = set()  #: deliveries of what was sent before the journal begins
         self.over: dict[int, EndedMessage] = {}  #: the messages that are not under way any more
         self.joined: dict[str, None] = {}
-        self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
+        self.handlers: dict[
+            str, dict[str, str]
+        ] = {}  #: for each message its handlers: module and resource
         self.places: dict[tuple[str, str], ResourceRecord] = {}
         self._claims: defaultdict[tuple[str, str], ResourceClaims] = defaultdict(ResourceClaims)
         """By what the module calls itself, and the resource."""
@@ -75,14 +83,18 @@ class JournalWorld:
         self.places_touched: dict[ResourceRecord, None] = {}
         self.slots_lost: set[ResourceRecord] = set()
         self.rehandled: set[str] = set()  #: messages that got or lost a handler
-        self.later: list[Callable[[], None]] = []  #: checks of what must be true when all of the event is known
+        self.later: list[
+            Callable[[], None]
+        ] = []  #: checks of what must be true when all of the event is known
         self.flagged: list[MessageRecord] = []  #: messages with marks for one event only
 
-    # --- for properties --------------------------------------------------------------------------------------------
+    # --- for properties ---------------------------------------------------------------------------
 
     @property
     def run(self) -> RunAt:
-        """All that is known of the run until now: every task, what it waits for, what ended long ago."""
+        """All that is known of the run until now: every task, what it waits for, what ended long
+        ago.
+        """
         if self.history is None:
             raise ValueError("the records are kept only where properties come from a file")
         return RunAt(self.history)
@@ -105,7 +117,9 @@ class JournalWorld:
     @property
     def held_by(self) -> dict[tuple[str, str], facts.Claimed]:
         """The locks and reservations in force, by module and resource."""
-        return {key: place.claims.held_by for key, place in self.places.items() if place.claims.held_by}
+        return {
+            key: place.claims.held_by for key, place in self.places.items() if place.claims.held_by
+        }
 
     def parent(self, task: MessageRecord) -> MessageRecord | None:
         """The task that *task* is under; None: the root."""
@@ -115,14 +129,20 @@ class JournalWorld:
         """The tasks under *task* that have not ended, oldest first."""
         return list(task.children.values())
 
-    # --- calls of the fold -----------------------------------------------------------------------------------------
+    # --- calls of the fold ------------------------------------------------------------------------
 
     def broken(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
-        """A rule is broken. *what* goes on from the message's name, if *about* is one and not a mere number."""
+        """A rule is broken. *what* goes on from the message's name, if *about* is one and not a
+        mere number.
+        """
         number, words = (about, what) if isinstance(about, int) else (about.id, f"{about} {what}")
-        self.violations.append(Violation(rule.text, rule.source, self.events, self.event, self.now, number, words))
+        self.violations.append(
+            Violation(rule.text, rule.source, self.events, self.event, self.now, number, words)
+        )
 
-    def expect(self, is_so: Callable[[], object], rule: Rule, about: MessageRecord | int, what: str) -> None:
+    def expect(
+        self, is_so: Callable[[], object], rule: Rule, about: MessageRecord | int, what: str
+    ) -> None:
         """When all facts of the event are known, this must be so; else *rule* is broken."""
 
         def check() -> None:
@@ -132,13 +152,17 @@ class JournalWorld:
         self.later.append(check)
 
     def forget(self) -> None:
-        """The next event, or action of an explored run, begins: forget what ended, and what is so for one only."""
+        """The next event, or action of an explored run, begins: forget what ended, and what is so
+        for one only.
+        """
         self.passed = 0.0
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
                 body = item.body if item.message_class.keeps_value else b""
-                self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by, body)
+                self.over[item.id] = EndedMessage(
+                    item.message, item.message_class, item.sender, item.sent_by, body
+                )
                 self.deliveries.pop(item.given_as, None)
         self.flagged.clear()
 
@@ -195,7 +219,9 @@ class JournalWorld:
         return self.items.get(number) or self.deliveries.get(number)
 
     def item(self, number: int, what: str) -> MessageRecord | None:
-        """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
+        """The message under way of that number, to which *what* happens; None, with a complaint if
+        it can't.
+        """
         item = self.known(number)
         if item is not None:
             self.touched[item] = None
@@ -236,18 +262,30 @@ class JournalWorld:
         return self._copy(fact, original or self.over[fact.message_id], what)
 
     def _copy(
-        self, fact: facts.Queued | facts.Delivered, original: MessageRecord | EndedMessage, what: str
+        self,
+        fact: facts.Queued | facts.Delivered,
+        original: MessageRecord | EndedMessage,
+        what: str,
     ) -> MessageRecord | None:
         """The copy of a message to many that one receiver gets."""
         if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
-            self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
+            self.broken(
+                ENDED,
+                fact.message_id,
+                f"{name} {what} as {{{fact.id}}}, though it is over, or another one",
+            )
             return None
         living = original if isinstance(original, MessageRecord) else None
         copy = MessageRecord(
-            fact.id, original.message, original.message_class, original.sender, original.sent_by,
-            original.body, original=living,
-        )  # fmt: skip
+            fact.id,
+            original.message,
+            original.message_class,
+            original.sender,
+            original.sent_by,
+            original.body,
+            original=living,
+        )
         if living is not None:
             living.copies += 1
         self.add(copy)

@@ -1,8 +1,9 @@
 """A state machine as a picture, in the language of Graphviz.
 
-States are boxes with what they do, and containers are frames around them. A dot is where a machine or a container
-begins, a ring where a container has completed; a double frame is a final state. In the SVG the state of number 3 has
-the id "state-3", and the class "active", "current" or "foreseen" if it is.
+States are boxes with what they do, and containers are frames around them. A dot is where a machine
+or a container begins, a ring where a container has completed; a double frame is a final state. In
+the SVG the state of number 3 has the id "state-3", and the class "active", "current" or "foreseen"
+if it is.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +26,9 @@ _LOOKS = f"""\
   edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, penwidth=1, arrowsize=0.7,
     fontcolor="{INK}", color="{INK}"];
 """
-_BEGIN = f'{{}} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, fillcolor="{INK}"];'
+_BEGIN = (
+    f'{{}} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, fillcolor="{INK}"];'
+)
 _RING = '{} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, peripheries=2];'
 _NOWHERE = '{} [shape=point, width=0.01, height=0.01, style=invis, label=""];'
 _SHAPES = {
@@ -41,10 +44,12 @@ _LONGEST, _LONGEST_LINE = 36, 88
 
 
 def chart_dot(
-    chart: MachineChart, marks: Mapping[int, str] | None = None, likely: Mapping[int, str] | None = None
+    chart: MachineChart,
+    marks: Mapping[int, str] | None = None,
+    likely: Mapping[int, str] | None = None,
 ) -> str:
-    """A directed graph of the machine. *marks*: the classes of states that stand out, by their numbers; *likely*: the
-    likelihoods of arrows that do, by their places.
+    """A directed graph of the machine. *marks*: the classes of states that stand out, by their
+    numbers; *likely*: the likelihoods of arrows that do, by their places.
     """
     return graph(_Picture(chart, marks or {}, likely or {}).lines())
 
@@ -60,12 +65,16 @@ def chart_lines(chart: MachineChart) -> Iterator[str]:
 
 
 def report_marks(report: CoordinationReport) -> dict[int, str]:
-    """The states that stand out in a run with a preview: the current one, and those that it foresees."""
+    """The states that stand out in a run with a preview: the current one, and those that it
+    foresees.
+    """
     return {**{row.state: "foreseen" for row in report.preview}, report.current: "current"}
 
 
 def likely_arrows(chart: MachineChart, report: CoordinationReport) -> dict[int, str]:
-    """The arrows on the path that is foreseen, by their places in the chart: their likelihoods in words."""
+    """The arrows on the path that is foreseen, by their places in the chart: their likelihoods in
+    words.
+    """
     foreseen = {row.state: percent(row.likelihood) for row in reversed(report.preview)}
     path = [report.current, *(row.state for row in report.preview)]
     steps = set(pairwise(number for number in path if 0 <= number < len(chart.states)))
@@ -103,7 +112,11 @@ class _Picture:
         """All states, then all arrows."""
         tops = self.chart.inside(-1)
         whole = self.chart.states[0].kind
-        if whole in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):  # no frame around it all
+        if whole in (
+            StateKind.ACTIVITY,
+            StateKind.WAIT,
+            StateKind.COMPOUND,
+        ):  # no frame around it all
             yield _BEGIN.format("begin")
             yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
         for top in tops:
@@ -113,7 +126,7 @@ class _Picture:
         for place in range(len(self.chart.arrows)):
             yield self._transition(place)
 
-    # --- states ------------------------------------------------------------------------------------------------------
+    # --- states -----------------------------------------------------------------------------------
 
     def _state(self, number: int) -> Iterator[str]:
         state, mark = self.chart.states[number], self.marks.get(number, "")
@@ -131,12 +144,16 @@ class _Picture:
             yield from self._state(inner)
         yield (_RING if self._has_ring(number) else _NOWHERE).format(f"end_{number}") + " }"
 
-    # --- arrows ------------------------------------------------------------------------------------------------------
+    # --- arrows -----------------------------------------------------------------------------------
 
     def _ways_inside(self, number: int) -> Iterator[str]:
-        """From where a container begins to its first state, and from its last ones to where it ends."""
+        """From where a container begins to its first state, and from its last ones to where it
+        ends.
+        """
         inside, begin, end = self.chart.inside(number), f"begin_{number}", f"end_{number}"
-        if self.chart.states[number].kind.is_concurrent:  # they stand below its beginning, and above its end
+        if self.chart.states[
+            number
+        ].kind.is_concurrent:  # they stand below its beginning, and above its end
             for inner in inside:
                 yield f"{begin} -> {self._head(inner)} [style=invis];"
                 yield f"{self._tail(inner)} -> {end} [style=invis];"
@@ -169,7 +186,9 @@ class _Picture:
         return f"{source} -> {target} [{', '.join(looks)}];"
 
     def _head(self, number: int) -> str:
-        """The node where an arrow to a state ends; of a container the one that stands for its frame."""
+        """The node where an arrow to a state ends; of a container the one that stands for its
+        frame.
+        """
         return f"{'begin_' if self._is_frame(number) else 's'}{number}"
 
     def _tail(self, number: int) -> str:
@@ -177,8 +196,13 @@ class _Picture:
         return f"{'end_' if self._is_frame(number) else 's'}{number}"
 
     def _cut(self, source: int, target: int) -> list[str]:
-        """The frames at which an arrow is cut; none that holds both its ends. Its head has room before a frame."""
-        ends = (("ltail=cluster_{}", source, target), ("lhead=cluster_{}, minlen=2", target, source))
+        """The frames at which an arrow is cut; none that holds both its ends. Its head has room
+        before a frame.
+        """
+        ends = (
+            ("ltail=cluster_{}", source, target),
+            ("lhead=cluster_{}, minlen=2", target, source),
+        )
         return [
             look.format(number)
             for look, number, other in ends
@@ -191,7 +215,9 @@ class _Picture:
     def _has_ring(self, number: int) -> bool:
         """Whether a container has a ring: some state in it completes the whole."""
         is_concurrent = self.chart.states[number].kind.is_concurrent
-        return not is_concurrent and any(self.chart.states[inner].completes for inner in self.chart.inside(number))
+        return not is_concurrent and any(
+            self.chart.states[inner].completes for inner in self.chart.inside(number)
+        )
 
 
 def _label(state: ChartState, between: str) -> str:

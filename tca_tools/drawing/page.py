@@ -1,7 +1,8 @@
-"""A picture as a page of its own: one file, nothing fetched, hover titles, zoom with the wheel, pan by dragging.
+"""A picture as a page of its own: one file, nothing fetched, hover titles, zoom with the wheel, pan
+by dragging.
 
-A chart is made wider only, with its labels in sight, and the names of bars that begin left of what is seen; any other
-picture is made larger as a whole.
+A chart is made wider only, with its labels in sight, and the names of bars that begin left of what
+is seen; any other picture is made larger as a whole.
 """
 
 import re
@@ -19,11 +20,17 @@ def zoomed_page(title: str, svg: str) -> str:
 
 
 def wide_page(title: str, head: str, labels: str, plot: str) -> str:
-    """A page with a chart: its head, and below it labels that stay and a plot (``<svg ...>``) that gets wider."""
+    """A page with a chart: its head, and below it labels that stay and a plot (``<svg ...>``) that
+    gets wider.
+    """
     inner = plot.replace("<svg ", '<svg class="zoomed wide" preserveAspectRatio="none" ', 1)
-    return _page(title, f'<header>{head}</header>\n<main><div id="fixed">{labels}</div>{inner}</main>')
+    return _page(
+        title, f'<header>{head}</header>\n<main><div id="fixed">{labels}</div>{inner}</main>'
+    )
 
 
 def _page(title: str, body: str) -> str:
-    frame, style, script = ((_HERE / name).read_text() for name in ("page.html", "zoom.css", "zoom.js"))
+    frame, style, script = (
+        (_HERE / name).read_text() for name in ("page.html", "zoom.css", "zoom.js")
+    )
     return frame.format(title=escape(title), style=style, body=body, script=script)

@@ -12,7 +12,9 @@ from tca_wire.text.missing import missing_package
 _MACHINES = (".dot", ".svg", ".png", ".pdf")
 _MOST_PIXELS = 40_000_000
 _DOTS = 2.0
-"""Pixels of a PNG for each of the SVG, along an edge: sharp when it is looked at closely or printed."""
+"""Pixels of a PNG for each of the SVG, along an edge: sharp when it is looked at closely or
+printed.
+"""
 
 
 def converted(svg: str, kind: str) -> bytes:
@@ -20,7 +22,9 @@ def converted(svg: str, kind: str) -> bytes:
     try:
         import vl_convert  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        raise NoPicture(missing_package(f"a .{kind}", "vl-convert-python", "pictures", "ask for .svg")) from None
+        raise NoPicture(
+            missing_package(f"a .{kind}", "vl-convert-python", "pictures", "ask for .svg")
+        ) from None
     try:
         if kind == "pdf":
             return bytes(vl_convert.svg_to_pdf(svg))
@@ -31,7 +35,9 @@ def converted(svg: str, kind: str) -> bytes:
 
 
 def write_svg(path: Path, svg: str, title: str = "") -> None:
-    """Write an SVG picture, as a page (.html) with that title, or as .png or .pdf. Raises ToolError."""
+    """Write an SVG picture, as a page (.html) with that title, or as .png or .pdf. Raises
+    ToolError.
+    """
     kind = path.suffix[1:]
     if kind == "html":
         write_output(path, zoomed_page(title, svg))
@@ -40,8 +46,8 @@ def write_svg(path: Path, svg: str, title: str = "") -> None:
 
 
 def write_graph(path: Path, source: str, title: str = "") -> None:
-    """Write dot source, or the picture of it: as a page (.html) with that title, .svg, .png or .pdf. Raises ToolError,
-    NoPicture if that can't be drawn here.
+    """Write dot source, or the picture of it: as a page (.html) with that title, .svg, .png or
+    .pdf. Raises ToolError, NoPicture if that can't be drawn here.
     """
     kind = path.suffix[1:]
     if kind == "dot":
@@ -53,8 +59,8 @@ def write_graph(path: Path, source: str, title: str = "") -> None:
 
 
 def write_machine(path: Path, source: str) -> None:
-    """Write dot source of a machine as the kind of picture that the file's name asks for, if nothing is in the way.
-    Raises ToolError if that can't be done.
+    """Write dot source of a machine as the kind of picture that the file's name asks for, if
+    nothing is in the way. Raises ToolError if that can't be done.
     """
     if path.suffix not in _MACHINES:
         raise NoPicture(f"a machine can be drawn as {', '.join(_MACHINES)}, not as '{path.name}'")

@@ -1,4 +1,6 @@
-"""The small things that our SVG pictures are made of: rectangles, texts, documents and their common look."""
+"""The small things that our SVG pictures are made of: rectangles, texts, documents and their common
+look.
+"""
 
 from collections.abc import Iterable
 from html import escape
@@ -24,9 +26,13 @@ _SIZE = 12.0
 
 
 def width_of(words: str) -> float:
-    """About how many pixels wide a text is in the letters of ``STYLE``; rather too many than too few."""
+    """About how many pixels wide a text is in the letters of ``STYLE``; rather too many than too
+    few.
+    """
     narrow = sum(_WIDTH_OF.get(letter, _WIDTH) for letter in words)
-    wide = (columns_of(words) - len(words)) * (1.0 - _WIDTH)  # such letters take the room of two columns
+    wide = (columns_of(words) - len(words)) * (
+        1.0 - _WIDTH
+    )  # such letters take the room of two columns
     return (narrow + max(wide, 0.0)) * _SIZE * 1.05
 
 
@@ -44,9 +50,13 @@ def document(width: float, height: float, title: str, style: str, body: Iterable
     return "\n".join([head, *body, "</svg>\n"])
 
 
-def rectangle(look: str, left: float, top: float, right: float, height: float, title: str = "") -> str:
+def rectangle(
+    look: str, left: float, top: float, right: float, height: float, title: str = ""
+) -> str:
     """A rectangle with its title; *right* may be no more than *left*, but it stays visible then."""
-    place = f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
+    place = (
+        f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
+    )
     if title:
         return f"<rect {look} {place}><title>{lines(title)}</title></rect>"
     return f"<rect {look} {place}/>"

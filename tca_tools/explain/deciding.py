@@ -1,4 +1,6 @@
-"""Exception handlers: which were called for a failure, and whom they had handled again, or killed. Pure."""
+"""Exception handlers: which were called for a failure, and whom they had handled again, or killed.
+Pure.
+"""
 
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -21,7 +23,9 @@ _TIME = attrgetter("time")
 
 
 class Call(NamedTuple):
-    """An exception handler was called for a task; or it passed the failure on, or might not be called once more."""
+    """An exception handler was called for a task; or it passed the failure on, or might not be
+    called once more.
+    """
 
     time: float
     place: int
@@ -30,7 +34,9 @@ class Call(NamedTuple):
 
 
 def calls(at: RunAt, task: Task, start: float = -inf, end: float = inf) -> Iterator[Call]:
-    """The calls of exception handlers for the failures of a task, as known at a moment: those from *start* to *end*."""
+    """The calls of exception handlers for the failures of a task, as known at a moment: those from
+    *start* to *end*.
+    """
     found = _calls(at, task, start, end)
     return (call for call in found if start <= call.time < end)
 
@@ -68,7 +74,9 @@ def passed_on(run: Run, handler: int, what: str = "the failure") -> Iterator[tup
 
 
 def called_for(run: Run, handler: Task) -> Task:
-    """For whose failure it was called; where that is an exception handler's that failed, for whose that was."""
+    """For whose failure it was called; where that is an exception handler's that failed, for whose
+    that was.
+    """
     while handler.role is Role.EXCEPTION and handler.about in run.tasks:
         handler = run.tasks[handler.about]
     return handler
@@ -81,8 +89,8 @@ def decider(run: Run, asker: Handling | None) -> Task | None:
 
 
 def retried(run: Run, task: Task, retry: Retry) -> str:
-    """``to be handled again, with other data (retried by safety)``; if an exception handler that was called for another
-    task asked for it, with which and why.
+    """``to be handled again, with other data (retried by safety)``; if an exception handler that
+    was called for another task asked for it, with which and why.
     """
     handler, why = decider(run, retry.asker), by_whom(retry.by)
     if handler is not None and (failed := called_for(run, handler)) is not task:
@@ -92,7 +100,9 @@ def retried(run: Run, task: Task, retry: Retry) -> str:
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
-    """The decisions of an exception handler on the failed task and the tasks above it, with their times."""
+    """The decisions of an exception handler on the failed task and the tasks above it, with their
+    times.
+    """
     if handler.role is not Role.EXCEPTION:
         return
     above = [run.tasks[number] for number in lineage(run, TaskId(called_for(run, handler).id))]

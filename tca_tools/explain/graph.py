@@ -1,12 +1,16 @@
-"""The graph of waits at a moment: what keeps a task from one of its moments, and what that waits for.
+"""The graph of waits at a moment: what keeps a task from one of its moments, and what that waits
+for.
 
-- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer. What is planned ahead
-  is kept from being planned by one thing and from being achieved by another: each wait says which moments it ``holds``.
+- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer.
+What is planned ahead
+  is kept from being planned by one thing and from being achieved by another: each wait says which
+  moments it ``holds``.
 - ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both.
 - ``Ends``: what all waits lead to in the end; ``causes(at)``: what most tasks wait for.
 - ``waits_now(at, number)``: what people are told of a message.
 
-A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy (keepers.py).
+A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy
+(keepers.py).
 """
 
 from bisect import bisect_right
@@ -62,16 +66,24 @@ _SINCE = itemgetter(0)
 _TOLD = 20
 """Things that many wait for."""
 _RANKS = (
-    WaitKind.CIRCLE, WaitKind.HANDLER, WaitKind.RESUME, WaitKind.LOCKED, None, WaitKind.DELAY, WaitKind.PRESENCE,
-    WaitKind.CHANGE, WaitKind.RUNNING, WaitKind.CONDITION,
-)  # fmt: skip
-"""Why something waits for nothing else, in the order in which it is told: what stands first, monitors that watch last.
-None: for something that the journal does not tell.
+    WaitKind.CIRCLE,
+    WaitKind.HANDLER,
+    WaitKind.RESUME,
+    WaitKind.LOCKED,
+    None,
+    WaitKind.DELAY,
+    WaitKind.PRESENCE,
+    WaitKind.CHANGE,
+    WaitKind.RUNNING,
+    WaitKind.CONDITION,
+)
+"""Why something waits for nothing else, in the order in which it is told: what stands first,
+monitors that watch last. None: for something that the journal does not tell.
 """
 _RANK = {kind: rank for rank, kind in enumerate(_RANKS)}
 
 
-# --- what keeps a node from coming about -----------------------------------------------------------------------------
+# --- what keeps a node from coming about ----------------------------------------------------------
 
 
 class _Kept(NamedTuple):
@@ -132,14 +144,18 @@ def _kept(at: RunAt, node: Node) -> _Kept:
     return _Kept(*_look(at.run, message, node, _waits_of(at, node.number), at.moment))
 
 
-def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
+def _look(
+    run: Run, message: Message, node: Node, waits: list[Wait], time: float
+) -> tuple[list[Wait], list[Node]]:
     """Those of the waits that keep it from a node, and the subtasks that do."""
     if not isinstance(message, Task):
         return [one for one in waits if node.delivery in (0, _delivery(one))], []
     if not node.moment:
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = moments_before(message, node.moment, time)
-    found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
+    found = [
+        one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))
+    ]
     # what is achieved is planned
     last = wanted & END_ACHIEVING or wanted & END_PLANNING
     if not last:
@@ -152,7 +168,9 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
 
 
 def _resumes(task: Task, wait: Wait, time: float) -> bool:
-    """Whether it is for a task to be resumed that, as was decided meanwhile, is to be handled once more."""
+    """Whether it is for a task to be resumed that, as was decided meanwhile, is to be handled once
+    more.
+    """
     begun = wait.kind is WaitKind.RESUME and task.time_of(START_HANDLING) <= time
     return begun and is_to_be_handled_again(task, time)
 
@@ -164,7 +182,9 @@ def _delivery(wait: Wait) -> int:
 
 
 def further(at: RunAt, wait: Wait) -> list[Node]:
-    """The nodes that must come about before a wait is over; empty for a leaf, or if they are not known."""
+    """The nodes that must come about before a wait is over; empty for a leaf, or if they are not
+    known.
+    """
     number = wait.on.number
     if wait.is_leaf:
         return []
@@ -197,7 +217,9 @@ def keepers_of(at: RunAt, wait: Wait) -> Keepers:
 
 
 def _nodes(at: RunAt, by: Keepers) -> list[Node]:
-    """A lock; or the runs of which the first that returns makes room: those that wait for nothing, if there are any."""
+    """A lock; or the runs of which the first that returns makes room: those that wait for nothing,
+    if there are any.
+    """
     if by.claim is not None:
         return [Node(by.claim.id)]
     free = [one for one in by.runs if not lately(one.waits, at.moment)]
@@ -211,13 +233,15 @@ def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
     if kept is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
         return _of_claim(at, claim)
     nodes = [one for wait in kept.waits for one in further(at, wait)] + kept.subtasks
-    return list(dict.fromkeys(nodes)), list(dict.fromkeys(wait.kind for wait in kept.waits if wait.is_leaf))
+    return list(dict.fromkeys(nodes)), list(
+        dict.fromkeys(wait.kind for wait in kept.waits if wait.is_leaf)
+    )
 
 
 def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
-    """A lock that is wanted waits for all that is ahead of it. One in force waits for the handler, or else the task,
-    for which it was wanted; of a retried one until that is handled again. Outside of handlers it waits for what its
-    module waits for there.
+    """A lock that is wanted waits for all that is ahead of it. One in force waits for the handler,
+    or else the task, for which it was wanted; of a retried one until that is handled again. Outside
+    of handlers it waits for what its module waits for there.
     """
     if not at.is_granted(claim):
         by = ahead_of_claim(at, claim)
@@ -238,7 +262,9 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
 
 
 def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
-    """The constraints of tasks above that keep a task from what it comes to next, each with whose it is."""
+    """The constraints of tasks above that keep a task from what it comes to next, each with whose
+    it is.
+    """
     way = [next_node(at, number)]
     for node in way:  # grows while it is walked
         for wait in _kept(at, node).waits:
@@ -247,12 +273,13 @@ def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
             way += [wait.on] * (wait.kind is WaitKind.PARENT)
 
 
-# --- as people are told ----------------------------------------------------------------------------------------------
+# --- as people are told ---------------------------------------------------------------------------
 
 
 def waits_now(at: RunAt, number: int) -> list[Wait]:
-    """The waits of a message now. *start* is since when this is its cause: of a queued one, since when the same keeps
-    the resource busy. The newest of many subtasks stands for all but the first ones.
+    """The waits of a message now. *start* is since when this is its cause: of a queued one, since
+    when the same keeps the resource busy. The newest of many subtasks stands for all but the first
+    ones.
     """
     kept = _kept(at, next_node(at, number))
     waits = list(kept.waits)
@@ -290,7 +317,9 @@ def _told(at: RunAt, wait: Wait) -> Wait:
 
 
 def _last_outcome(at: RunAt, monitor: int) -> float:
-    """Since when the condition of a monitor has held, or has not: the first of the tests in a row that found it so."""
+    """Since when the condition of a monitor has held, or has not: the first of the tests in a row
+    that found it so.
+    """
     tests = at.run.tests.get(monitor, [])
     place = bisect_right(tests, at.moment, key=_SINCE)
     while place > 1 and tests[place - 2][1] == tests[place - 1][1]:
@@ -306,7 +335,7 @@ def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
         yield wait._replace(start=max(now.since, run.start))
 
 
-# --- the ends of all waits -------------------------------------------------------------------------------------------
+# --- the ends of all waits ------------------------------------------------------------------------
 
 
 class End(NamedTuple):
@@ -357,8 +386,9 @@ class Ends:
         return found
 
     def of(self, number: int, within: int | None = None) -> tuple[End, ...]:
-        """The ends of a message's waits: the first ``MOST``, and one more if there are more. Itself, if it waits for
-        nothing that has a number; nothing, if there are more than so many waits *within* which it was looked for.
+        """The ends of a message's waits: the first ``MOST``, and one more if there are more.
+        Itself, if it waits for nothing that has a number; nothing, if there are more than so many
+        waits *within* which it was looked for.
         """
         return self.of_node(next_node(self._at, number), within)
 
@@ -393,13 +423,15 @@ class Ends:
 
     def last(self) -> set[End]:
         """All ends that something else has been found to wait for."""
-        known = ((to.number, self._walk.known[to][0]) for to in self._awaited if to in self._walk.known)
+        known = (
+            (to.number, self._walk.known[to][0]) for to in self._awaited if to in self._walk.known
+        )
         return {end for number, end in known if end.number == number}
 
 
 def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
-    """How many tasks wait, for how many things in the end, and the things that most of them wait for. What nobody
-    handles counts once a name; a task counts for its first ``MOST`` ends.
+    """How many tasks wait, for how many things in the end, and the things that most of them wait
+    for. What nobody handles counts once a name; a task counts for its first ``MOST`` ends.
     """
     ends = Ends.at(at)
     waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
@@ -423,7 +455,10 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     return (
         sum(len(tasks) for _, tasks in waiting.values()),
         len({*things, *(_thing(at, end) for end in ends.last())}),
-        [Cause(one, counts[thing], first.get(one[0], one[0].number)) for one, thing in zip(told, ranked, strict=True)],
+        [
+            Cause(one, counts[thing], first.get(one[0], one[0].number))
+            for one, thing in zip(told, ranked, strict=True)
+        ],
     )
 
 

@@ -1,7 +1,8 @@
 """The keepers of a resource: the handlers in it, the lock on it, and the first in line for one.
 
-Asked at a moment it costs what is in the resource then. ``parts_in_queue`` and ``parts_of_claim`` cut a whole wait at
-every change of its keeper: that costs what happened in the resource meanwhile, so ask it of waits that people look at.
+Asked at a moment it costs what is in the resource then. ``parts_in_queue`` and ``parts_of_claim``
+cut a whole wait at every change of its keeper: that costs what happened in the resource meanwhile,
+so ask it of waits that people look at.
 """
 
 from bisect import bisect_right
@@ -39,8 +40,8 @@ WaitPart = tuple[float, float, Keepers]
 
 
 def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -> Keepers:
-    """The keepers of a resource from a queued message: the lock in force, or the next in line even if there is room;
-    else the handlers in it.
+    """The keepers of a resource from a queued message: the lock in force, or the next in line even
+    if there is room; else the handlers in it.
     """
     held_by = at.held_by(module, resource)
     if held_by is None:
@@ -55,7 +56,9 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
 
 
 def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
-    """The keepers of a resource from a lock: the lock in force; else other handlers in it, and the claim ahead."""
+    """The keepers of a resource from a lock: the lock in force; else other handlers in it, and the
+    claim ahead.
+    """
     held_by = at.held_by(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
         return Keepers(claim=held_by)
@@ -91,7 +94,9 @@ class _Line(NamedTuple):
     has_room: bool
     """Whether a slot is free."""
     called_back_by: dict[int, Handling]
-    """For each run that takes no slot, by its identity, the one within whose wait for it it is handled."""
+    """For each run that takes no slot, by its identity, the one within whose wait for it it is
+    handled.
+    """
 
 
 @remembered
@@ -128,7 +133,7 @@ def _sent_by(run: Run, number: int) -> str:
     return message.sender if message is not None else ""
 
 
-# --- over time -------------------------------------------------------------------------------------------------------
+# --- over time ------------------------------------------------------------------------------------
 
 
 def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[WaitPart]:
@@ -165,7 +170,7 @@ def _turns(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[flo
 
 def _parts(
     run: Run, wait: Queueing | HandlerWait, keys: list[_Key], keepers: Callable[[RunAt], Keepers]
-) -> list[WaitPart]:  # fmt: skip
+) -> list[WaitPart]:
     start, end = wait.start, wait.until
     turns = _turns(run, keys, start, end)
     stops = sorted({time for time in turns if start < time < end})

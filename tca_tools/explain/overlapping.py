@@ -1,4 +1,6 @@
-"""Records of a task that has many, by when they go on: looking at one moment then costs no walk through all. Pure."""
+"""Records of a task that has many, by when they go on: looking at one moment then costs no walk
+through all. Pure.
+"""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -14,17 +16,25 @@ _FEW = 16
 """Records that are looked through one by one."""
 
 
-def children_within(run: Run, task: Task, moment: int, start: float, end: float) -> Sequence[TaskId]:
-    """The tasks right under a task, but for some that were sent after *end* or had reached a moment by *start*."""
+def children_within(
+    run: Run, task: Task, moment: int, start: float, end: float
+) -> Sequence[TaskId]:
+    """The tasks right under a task, but for some that were sent after *end* or had reached a moment
+    by *start*.
+    """
     return _within(run, task.children, (task.id, moment), moment, start, end)
 
 
 def called_within(run: Run, task: Task, start: float, end: float) -> Sequence[TaskId]:
-    """The exception handlers of a task, but for some that were called after *end* or had ended by *start*."""
+    """The exception handlers of a task, but for some that were called after *end* or had ended by
+    *start*.
+    """
     return _within(run, task.caught_by, (called_within, task.id), END_ACHIEVING, start, end)
 
 
-def _within(run: Run, some: Sequence[TaskId], key: object, moment: int, start: float, end: float) -> Sequence[TaskId]:
+def _within(
+    run: Run, some: Sequence[TaskId], key: object, moment: int, start: float, end: float
+) -> Sequence[TaskId]:
     if len(some) <= _FEW:
         return some
 
@@ -37,7 +47,14 @@ def _within(run: Run, some: Sequence[TaskId], key: object, moment: int, start: f
 
 def has_many(task: Task) -> bool:
     """Whether so much happened to a task that a look through all of it takes long."""
-    some = (task.stages, task.handlings, task.queueings, task.holds, task.suspensions, task.caught_by)
+    some = (
+        task.stages,
+        task.handlings,
+        task.queueings,
+        task.holds,
+        task.suspensions,
+        task.caught_by,
+    )
     return sum(map(len, some)) > 2 * _FEW
 
 

@@ -8,12 +8,29 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.explain.deciding import calls, decisions, passed_on, retried
-from tca_tools.explain.wait_words import for_claim, in_queue, of_ahead, of_query, suspended, told, wait_for
+from tca_tools.explain.wait_words import (
+    for_claim,
+    in_queue,
+    of_ahead,
+    of_query,
+    suspended,
+    told,
+    wait_for,
+)
 from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to
-from tca_tools.journal.records import OVER, Claim, HandlerWait, Handling, LifeChange, Message, Task, TaskState
+from tca_tools.journal.records import (
+    OVER,
+    Claim,
+    HandlerWait,
+    Handling,
+    LifeChange,
+    Message,
+    Task,
+    TaskState,
+)
 from tca_tools.journal.whole_run import Run
 from tca_wire.coordination import TaskRole
 from tca_wire.life_cycles import Effect
@@ -62,7 +79,9 @@ class Sentence(NamedTuple):
         return self
 
     def by(self, moment: float, time: float) -> str:
-        """The text as known at a moment, when the clock showed *time*: with how long it took, or has so far."""
+        """The text as known at a moment, when the clock showed *time*: with how long it took, or
+        has so far.
+        """
         so_far = time - self.time
         if self.known(moment).is_open:
             return self.begun + f", {so_far:.3f} s so far" * (so_far >= _SHORTEST)
@@ -79,8 +98,8 @@ def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
 
 
 def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
-    """All that happened to a message or task, in order; nothing of one that is unknown. What had begun at *moment* is
-    told as it was known then, but for how it ended: that is Sentence's.
+    """All that happened to a message or task, in order; nothing of one that is unknown. What had
+    begun at *moment* is told as it was known then, but for how it ended: that is Sentence's.
     """
     message = run.messages.get(message_id)
     if message is None:
@@ -148,14 +167,20 @@ def _kills(task: Task) -> Sentences:
 
 
 def _ended_so(query: Message, given_up: float) -> str:
-    """Whether it came to nothing: a multi-query that is given up ends with the answers that there are."""
-    answers = [one for one in query.handlings if one.outcome is Outcome.DONE and one.until < given_up]
+    """Whether it came to nothing: a multi-query that is given up ends with the answers that there
+    are.
+    """
+    answers = [
+        one for one in query.handlings if one.outcome is Outcome.DONE and one.until < given_up
+    ]
     has_some = query.message_class.asks_many and query.was_given_up and answers
     return "ended with the answers that had come" if has_some else "came to nothing"
 
 
 def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
-    """Those that were called for it, those that were not, and what came of that; or what it decided as one."""
+    """Those that were called for it, those that were not, and what came of that; or what it decided
+    as one.
+    """
     later = nextafter(moment, inf)
     for call in (*calls(RunAt(run, moment), task, end=later), *calls(RunAt(run), task, later)):
         yield Sentence(call.time, f"exception handler {call.text}")
@@ -186,7 +211,9 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
 
 
 def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
-    """The results of a monitor's condition; tests with the same outcome, one after the other, are one sentence."""
+    """The results of a monitor's condition; tests with the same outcome, one after the other, are
+    one sentence.
+    """
 
     def outcome(test: tuple[float, bool]) -> tuple[bool, bool]:
         return test[0] <= moment, test[1]
@@ -201,8 +228,8 @@ def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
 
 
 def _changes(task: Task, moment: float) -> Sentences:
-    """The requests of clients, the answers to them, and intermediate results: one after the other, these are told
-    together.
+    """The requests of clients, the answers to them, and intermediate results: one after the other,
+    these are told together.
     """
 
     def kind(one: LifeChange) -> tuple[bool, object]:
@@ -243,7 +270,7 @@ def _plans(run: Run, task: Task) -> Sentences:
             yield Sentence(one.set_at, said)
 
 
-# --- queues and handlers ---------------------------------------------------------------------------------------------
+# --- queues and handlers --------------------------------------------------------------------------
 
 
 def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
@@ -314,7 +341,9 @@ def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
 
 
 def _failure_told(query: Message, moment: float) -> str:
-    """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
+    """With what a query had failed, in a line; "" if it had not. Of a question to many single
+    failures say nothing.
+    """
     if not query.message_class.asks_one:
         return ""
     return first_line(query.was("failure", moment))
@@ -339,7 +368,7 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
         yield _lasting(query.received, end, text, f"; it fails: {failure}" if failure else "")
 
 
-# --- states ----------------------------------------------------------------------------------------------------------
+# --- states ---------------------------------------------------------------------------------------
 
 
 def _states(run: Run, task: Task, moment: float) -> Sentences:
@@ -369,7 +398,9 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
 
 
 def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentences:
-    """The waits of a task in a state; many waits that ended before it came to that state are told together."""
+    """The waits of a task in a state; many waits that ended before it came to that state are told
+    together.
+    """
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
     yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}
@@ -391,7 +422,9 @@ def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
-    """Which of what it waited for failed or was killed instead: whatever is reaches all moments at once."""
+    """Which of what it waited for failed or was killed instead: whatever is reaches all moments at
+    once.
+    """
     if end == inf or (task.killed is not None and task.written("killed") <= end):
         return ""
     bad = []

@@ -1,7 +1,9 @@
-"""Waits as people are told of them: names are filled in, what keeps a resource busy, and what all waits lead to.
+"""Waits as people are told of them: names are filled in, what keeps a resource busy, and what all
+waits lead to.
 
-Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/waits_in_words.py. ``reasons`` are the
-clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``coming`` what is to happen to it.
+Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/waits_in_words.py.
+``reasons`` are the clauses of what a task waits for now, ``in_the_end`` is what they lead to,
+``coming`` what is to happen to it.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,7 +32,13 @@ from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
-from tca_wire.text.waits_in_words import causes_in_words, clauses, not_answered, reached, suspended_by
+from tca_wire.text.waits_in_words import (
+    causes_in_words,
+    clauses,
+    not_answered,
+    reached,
+    suspended_by,
+)
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits.ends import MOST
@@ -47,12 +55,12 @@ class Age(NamedTuple):
     """Since when it waits in all, for whatever reason."""
 
 
-# --- a wait, with names ----------------------------------------------------------------------------------------------
+# --- a wait, with names ---------------------------------------------------------------------------
 
 
 def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
-    """Waits with names; of many of one kind the first ones, and how many more there are. *however*: until tasks end,
-    in whatever way.
+    """Waits with names; of many of one kind the first ones, and how many more there are. *however*:
+    until tasks end, in whatever way.
     """
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
@@ -91,7 +99,9 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
-    by, since_birth = (record.by, record.since_birth) if isinstance(record, Suspension) else ("", False)
+    by, since_birth = (
+        (record.by, record.since_birth) if isinstance(record, Suspension) else ("", False)
+    )
     return WaitFor(kind, number, name, moment, by, since_birth=since_birth)
 
 
@@ -115,7 +125,9 @@ def _of_condition(at: RunAt, monitor: int) -> WaitFor:
 
 
 def of_query(at: RunAt, query: Message) -> WaitFor:
-    """A query that is waited for, with where it is; of one to many how many have answered, and where the others are."""
+    """A query that is waited for, with where it is; of one to many how many have answered, and
+    where the others are.
+    """
     reply = WaitFor(WaitKind.REPLY, query.id, query.name)
     if query.answered is not None and query.answered <= at.moment:
         return reply
@@ -137,7 +149,9 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
 def of_claim(at: RunAt, by: Keepers, claim: Claim) -> WaitFor:
     """A lock or reservation that is waited for."""
     because = _because(at, by)
-    return WaitFor(WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because)
+    return WaitFor(
+        WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because
+    )
 
 
 def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
@@ -161,10 +175,17 @@ def for_claim(run: Run, wait: HandlerWait, claim: Claim, until: float = inf) -> 
 
 
 def _by_cause(
-    run: Run, parts: list[WaitPart], made: Callable[[RunAt, Keepers, _T], WaitFor], record: _T, until: float
-) -> str:  # fmt: skip
-    known = [(made(RunAt(run, start), by, record), min(end, until, run.time) - start)
-             for start, end, by in parts if start <= until]  # fmt: skip
+    run: Run,
+    parts: list[WaitPart],
+    made: Callable[[RunAt, Keepers, _T], WaitFor],
+    record: _T,
+    until: float,
+) -> str:
+    known = [
+        (made(RunAt(run, start), by, record), min(end, until, run.time) - start)
+        for start, end, by in parts
+        if start <= until
+    ]
     return causes_in_words(known)
 
 
@@ -194,11 +215,13 @@ def _called(claim: Claim) -> str:
     return "reservation" if claim.is_reserved else "lock"
 
 
-# --- current waits ---------------------------------------------------------------------------------------------------
+# --- current waits --------------------------------------------------------------------------------
 
 
 def reasons(at: RunAt, task: TaskAt) -> list[str]:
-    """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is achieved"]``."""
+    """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is
+    achieved"]``.
+    """
     return clauses(told_now(at, task, shown(at, task)))
 
 
@@ -240,7 +263,7 @@ def age_of(waits: list[Wait]) -> Age | None:
     return Age(max(one.start for one in waits), min(one.since for one in waits))
 
 
-# --- in the end ------------------------------------------------------------------------------------------------------
+# --- in the end -----------------------------------------------------------------------------------
 
 
 class Last(NamedTuple):
@@ -255,13 +278,15 @@ class Last(NamedTuple):
 
     def __str__(self) -> str:
         at_least = "at least " * (self.more >= MOST)
-        others = f", and for {at_least}{counted(min(self.more, MOST), 'other')}" if self.more else ""
+        others = (
+            f", and for {at_least}{counted(min(self.more, MOST), 'other')}" if self.more else ""
+        )
         return f"for {self.thing}, which {self.which}{others}"
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
-    """The end of a task's waits; None if it waits for nothing else, if ``reasons`` say as much, or if it is not found
-    *within* so many waits.
+    """The end of a task's waits; None if it waits for nothing else, if ``reasons`` say as much, or
+    if it is not found *within* so many waits.
     """
     if task.state in OVER:
         return None
@@ -274,7 +299,9 @@ def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | Non
 
 
 def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
-    """Whether each is what it waits for next, and no more is to be said of it than is said there."""
+    """Whether each is what it waits for next, and no more is to be said of it than is said
+    there.
+    """
     nexts, _ = steps(at, next_node(at, task.id))
     said = {one.number for one in nexts}
     for number in said & at.run.claims.keys():
@@ -298,7 +325,10 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
     claim = at.run.claims.get(end.number)
     if claim:
         return Last(
-            f"the {claim}", end.number, f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}", more
+            f"the {claim}",
+            end.number,
+            f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}",
+            more,
         )
     query, task = at.run.messages.get(end.number), at.tasks.get(end.number)
     which = _why_last(at, end, query) if query else ""
@@ -307,7 +337,9 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
 
 
 def _why_last(at: RunAt, end: End, query: Message) -> str:
-    """Why a message that is in no other's way goes no further: where it is; "" if that is not known."""
+    """Why a message that is in no other's way goes no further: where it is; "" if that is not
+    known.
+    """
     if end.kind is WaitKind.CIRCLE:
         others = (one for one in Ends.at(at).members(end) if one != end.number)
         return f"waits for itself by way of {listed([*map(at.describe, others)])}"
@@ -327,11 +359,13 @@ def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 
-# --- future events ---------------------------------------------------------------------------------------------------
+# --- future events --------------------------------------------------------------------------------
 
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
-    """The events set for a task at a time or after a point: ``deadline: end achieving by 9.500 s``."""
+    """The events set for a task at a time or after a point: ``deadline: end achieving by 9.500
+    s``.
+    """
     return list(filter(None, (of_ahead(at, task, one) for one in task.ahead)))
 
 
@@ -351,4 +385,8 @@ def of_ahead(at: RunAt, task: TaskAt, ahead: EventAhead) -> str:
     return f"{who} at {run_time(due)}" if due > at.time else ""
 
 
-_SCOPES = {Scope.TASK: "is", Scope.DESCENDANTS: "what is under it is", Scope.SIBLINGS: "its siblings are"}
+_SCOPES = {
+    Scope.TASK: "is",
+    Scope.DESCENDANTS: "what is under it is",
+    Scope.SIBLINGS: "its siblings are",
+}

@@ -1,6 +1,7 @@
 """The list of waits: for each task and message all that it waited for, read off its records.
 
-- ``waits_of(run, number)``: all that a task or message ever waited for. Each wait has one cause and one span; several
+- ``waits_of(run, number)``: all that a task or message ever waited for. Each wait has one cause and
+one span; several
   may overlap, so the list is linear in the journal.
 - ``told_waits(run, task)``: the same as people are told of it, cut to the states of the task.
 
@@ -58,7 +59,13 @@ _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
-_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
+_LEAVES = (
+    WaitKind.HANDLER,
+    WaitKind.DELAY,
+    WaitKind.CONDITION,
+    WaitKind.RUNNING,
+    WaitKind.PRESENCE,
+)
 
 
 class Node(NamedTuple):
@@ -67,7 +74,9 @@ class Node(NamedTuple):
     number: int
     """The task, message or claim."""
     moment: int = 0
-    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted or released."""
+    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted
+    or released.
+    """
     delivery: int = 0
     """Of what was sent to many: the one of them that is to be handled (0: all)."""
 
@@ -94,16 +103,22 @@ class Wait(NamedTuple):
     def is_leaf(self) -> bool:
         """Whether nothing else has to come about first."""
         is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
-        return self.kind in _LEAVES or is_own or (self.kind is WaitKind.CHANGE and not self.on.number)
+        return (
+            self.kind in _LEAVES or is_own or (self.kind is WaitKind.CHANGE and not self.on.number)
+        )
 
 
-def lasting(record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int) -> Wait:
+def lasting(
+    record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int
+) -> Wait:
     """A wait that lasts as long as its record."""
     return Wait(record.start, record.until, kind, on, holds, record, record.start)
 
 
 def has_come(run: Run, wait: HandlerWait) -> bool:
-    """Whether what a handler waited for a task for had come when the wait was over; True if it is no certain task."""
+    """Whether what a handler waited for a task for had come when the wait was over; True if it is
+    no certain task.
+    """
     task = run.tasks.get(wait.awaited)
     if task is None or wait.end is None:
         return task is None
@@ -120,10 +135,12 @@ def node_of(run: Run, handling: Handling) -> Node:
     return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)
 
 
-# --- the moments of a task that matter at a time ---------------------------------------------------------------------
+# --- the moments of a task that matter at a time --------------------------------------------------
 
 _NO_LATER = [{0: 0, **rules.no_later} for rules in RULES]
-"""As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
+"""As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only
+acts.
+"""
 _NEXT = {
     TaskState.HELD: START_HANDLING,
     TaskState.QUEUED: END_HANDLING,  # once more
@@ -152,7 +169,9 @@ def past(task: Task, time: float) -> int:
 
 
 def next_moment(task: Task, state: TaskState, time: float) -> int:
-    """The next moment of a task in a state; a task handled once more comes to the same one again."""
+    """The next moment of a task in a state; a task handled once more comes to the same one
+    again.
+    """
     if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
@@ -161,11 +180,13 @@ def next_moment(task: Task, state: TaskState, time: float) -> int:
 
 
 def moments_before(task: Task, moment: int, time: float) -> int:
-    """The moments that a task has to reach before that one, and that one, unless it has. A constraint between two of
-    its own moments adds what comes before the first.
+    """The moments that a task has to reach before that one, and that one, unless it has. A
+    constraint between two of its own moments adds what comes before the first.
     """
     if task.time_of(moment) <= time:
-        is_again = moment == END_HANDLING and (going_on(task.handlings, time) or task.was_retried(time))
+        is_again = moment == END_HANDLING and (
+            going_on(task.handlings, time) or task.was_retried(time)
+        )
         return END_HANDLING if is_again else 0  # it is handled again, or to be
     if killed_at(task) <= time:  # it reaches none before its handler has returned
         return END_HANDLING | (moment & ENDS)
@@ -189,7 +210,7 @@ def is_to_be_handled_again(task: Task, time: float) -> bool:
     return is_cut_off or task.was_retried(time)
 
 
-# --- all waits of one record -----------------------------------------------------------------------------------------
+# --- all waits of one record ----------------------------------------------------------------------
 
 
 def waits_of(run: Run, number: int) -> list[Wait]:
@@ -230,7 +251,9 @@ def of_message(run: Run, message: Message, time: float | None = None) -> Iterato
 
 
 def _lasting(spans: Sequence[_Span], time: float | None, *, is_one: bool = True) -> Sequence[_Span]:
-    """All spans, or (at a *time*) those that go on then: *is_one*, if they come one after the other."""
+    """All spans, or (at a *time*) those that go on then: *is_one*, if they come one after the
+    other.
+    """
     if time is None:
         return spans
     if not is_one:
@@ -240,16 +263,21 @@ def _lasting(spans: Sequence[_Span], time: float | None, *, is_one: bool = True)
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
-    """The wait of a handler or program for a reply, a task or a lock; or for a change, or for handlers."""
+    """The wait of a handler or program for a reply, a task or a lock; or for a change, or for
+    handlers.
+    """
     kind = wait.kind
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
     return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), ENDS)
 
 
-def _subtasks(run: Run, task: Task, moment: int, window: Span = _ALWAYS, *, together: bool = False) -> Iterator[Wait]:
-    """The waits for tasks right under a task, which keep it from being planned or achieved, as far as they lie between
-    two times. *together*: of those that begin at one time, only the first ones, of which the last stands for the rest.
+def _subtasks(
+    run: Run, task: Task, moment: int, window: Span = _ALWAYS, *, together: bool = False
+) -> Iterator[Wait]:
+    """The waits for tasks right under a task, which keep it from being planned or achieved, as far
+    as they lie between two times. *together*: of those that begin at one time, only the first ones,
+    of which the last stands for the rest.
     """
     since, over = window
     last, number, begun = min(task.time_of(moment), over), 0, -inf
@@ -269,8 +297,9 @@ def _subtasks(run: Run, task: Task, moment: int, window: Span = _ALWAYS, *, toge
 
 
 def kept_by(run: Run, children: Sequence[TaskId], moment: int, time: float | None) -> list[Task]:
-    """The tasks that keep the one they are under from being planned or achieved, at a *time* or ever. Of a monitor that
-    ends with all else there it is what that has sent, unless a constraint keeps it.
+    """The tasks that keep the one they are under from being planned or achieved, at a *time* or
+    ever. Of a monitor that ends with all else there it is what that has sent, unless a constraint
+    keeps it.
     """
     found: list[Task] = []
     rest = [*reversed(children)]
@@ -290,7 +319,9 @@ def kept_by(run: Run, children: Sequence[TaskId], moment: int, time: float | Non
 
 
 def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint keeps a monitor from its end; what comes before it is handled once more does not."""
+    """Whether a constraint keeps a monitor from its end; what comes before it is handled once more
+    does not.
+    """
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
             goes_on = time is None or wait.start <= time < wait.end
@@ -333,8 +364,9 @@ def own_waits(run: Run, task: Task, start: float, end: float) -> Iterable[Wait]:
 
 
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
-    """Until a point is reached; then, if it has a delay, until that is over. One between two moments of the task itself
-    is none of its own: what holds the first holds the second, too (``moments_before``).
+    """Until a point is reached; then, if it has a delay, until that is over. One between two
+    moments of the task itself is none of its own: what holds the first holds the second, too
+    (``moments_before``).
     """
     before, moment = hold.constraint.before, int(hold.constraint.after.moment)
     # whether it is to be handled once more
@@ -363,7 +395,9 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
-    """The exception handlers that decide, one after the other, and those for failures raised beside its handler."""
+    """The exception handlers that decide, one after the other, and those for failures raised beside
+    its handler.
+    """
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
     until = {one.id: later.received for one, later in pairwise(known)}
@@ -382,12 +416,12 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
                 yield wait._replace(start=start, end=end)
 
 
-# --- what is to be handled again -------------------------------------------------------------------------------------
+# --- what is to be handled again ------------------------------------------------------------------
 
 
 def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
-    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
-    queued, or handled.
+    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it
+    to end: then it is queued, or handled.
     """
     if task.time_of(START_HANDLING) >= retry.time:
         return
@@ -417,9 +451,11 @@ def _begun(task: Task, retry: Retry) -> float:
     return min(starts, default=task.time_of(END_ACHIEVING))
 
 
-def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], asker: Task | None) -> list[Task]:
-    """The tasks under a retried monitor until it begins anew. That is in no journal: it begins when nothing is under it
-    any more, whoever asked has ended, and it is not suspended.
+def _before_it_begins(
+    monitor: Task, retry: Retry, children: list[Task], asker: Task | None
+) -> list[Task]:
+    """The tasks under a retried monitor until it begins anew. That is in no journal: it begins when
+    nothing is under it any more, whoever asked has ended, and it is not suspended.
     """
     begins, found = retry.time, list[Task]()
     if asker is not None:
@@ -436,12 +472,12 @@ def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], asker: 
     return found
 
 
-# --- as people are told ----------------------------------------------------------------------------------------------
+# --- as people are told ---------------------------------------------------------------------------
 
 
 def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
-    """The waits of a task for what came next in each of its states, oldest first. *together*: of subtasks that it waits
-    for from one time on, the last that is named stands for the rest.
+    """The waits of a task for what came next in each of its states, oldest first. *together*: of
+    subtasks that it waits for from one time on, the last that is named stands for the rest.
     """
     found: list[Wait] = []
     own = Overlaps(_of_task(run, task), _SPAN)
@@ -471,12 +507,16 @@ def _moments_in_state(task: Task, state: TaskState, since: float) -> int:
 
 
 def is_of_state(wait: Wait, state: TaskState) -> bool:
-    """Whether something keeps a task since it is in its state, and not since the wait as such began."""
+    """Whether something keeps a task since it is in its state, and not since the wait as such
+    began.
+    """
     return wait.kind in _OF_ITS_STATE or state is TaskState.ENDING
 
 
 def begun_at(task: Task, place: int) -> float:
-    """Since when a task waits that is in one of its states. It goes on with a wait after a suspension."""
+    """Since when a task waits that is in one of its states. It goes on with a wait after a
+    suspension.
+    """
     before = [task.stage(place)[1], TaskState.SUSPENDED]
     while place > 1 and [task.stage(place - 2)[1], task.stage(place - 1)[1]] == before:
         place -= 2

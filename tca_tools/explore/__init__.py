@@ -1,4 +1,6 @@
-"""Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
+"""Explores every interleaving of a small scenario against the real core of central: bounded model
+checking.
+"""
 
 from tca_tools.explore.errors import ExplorerError as ExplorerError
 from tca_tools.explore.errors import ScenarioError as ScenarioError

@@ -1,8 +1,10 @@
-"""Errors of the explorer. What scripts may catch are the module library's errors: they raise what they do on the robot.
+"""Errors of the explorer. What scripts may catch are the module library's errors: they raise what
+they do on the robot.
 
 ExplorerError        do not raise or catch this one; it groups the others
 ├── ScenarioError    a scenario can't be played: what, where, what to do
-└── CentralFault     central raised something: a bug in central, which the result of an exploration shows
+└── CentralFault     central raised something: a bug in central, which the result of an exploration
+shows
 """
 
 

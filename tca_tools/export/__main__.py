@@ -26,7 +26,9 @@ class ExportFormat(NamedTuple):
     """The suffixes of its files; none if it is a folder."""
     write: Callable[[Log, Path], None]
     begins: bytes = b""
-    """The first bytes of its file, or of a table's: a file that has them is ours. Empty: the names of its columns."""
+    """The first bytes of its file, or of a table's: a file that has them is ours. Empty: the names
+    of its columns.
+    """
     tables: str = ""
     """Of a folder of tables: what the names of its files end in."""
 
@@ -52,7 +54,9 @@ def _mcap(journal: Log, output: Path) -> None:
 def _json_lines(journal: Log, output: Path) -> None:
     with new_file(output) as stream:
         for entry in journal:
-            stream.writelines(json_text(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts)
+            stream.writelines(
+                json_text(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts
+            )
 
 
 def _csv(journal: Log, output: Path) -> None:
@@ -65,7 +69,9 @@ def _parquet(journal: Log, output: Path) -> None:
     _tables(folded(journal), output, ".parquet", write_parquet)
 
 
-def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]) -> None:
+def _tables(
+    run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]
+) -> None:
     with made_for(output):
         output.mkdir(exist_ok=True)
     for table in TABLES:
@@ -74,7 +80,9 @@ def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, Bi
 
 
 FORMATS = {
-    "perfetto": ExportFormat((".pftrace", ".perfetto-trace"), _perfetto, b"\n"),  # a packet of a trace
+    "perfetto": ExportFormat(
+        (".pftrace", ".perfetto-trace"), _perfetto, b"\n"
+    ),  # a packet of a trace
     "mcap": ExportFormat((".mcap",), _mcap, b"\x89MCAP0\r\n"),
     "jsonl": ExportFormat((".jsonl",), _json_lines, b'{"t": '),
     "csv": ExportFormat((), _csv, tables=".csv"),
@@ -84,9 +92,18 @@ FORMATS = {
 
 @click.command()
 @log_argument
-@click.option("--to", "name", type=click.Choice(list(FORMATS)), help="The format (default: what the file's name says).")
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder."
+    "--to",
+    "name",
+    type=click.Choice(list(FORMATS)),
+    help="The format (default: what the file's name says).",
+)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The file; for tables, the folder.",
 )
 @force_option
 def export(log_path: Path | None, name: str | None, output: Path, *, force: bool) -> None:
@@ -132,7 +149,9 @@ def _named_by(output: Path) -> str:
             raise click.UsageError(
                 f"{output}: {name} is no single file but a folder of tables: name the folder: --to {name} -o {folder}"
             )
-    raise click.UsageError(f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}")
+    raise click.UsageError(
+        f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}"
+    )
 
 
 if __name__ == "__main__":

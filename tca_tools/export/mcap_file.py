@@ -1,4 +1,6 @@
-"""A run as an MCAP file: JSON messages on topics, each topic with a JSON Schema; docs/exports.md lists the topics."""
+"""A run as an MCAP file: JSON messages on topics, each topic with a JSON Schema; docs/exports.md
+lists the topics.
+"""
 
 import heapq
 import re
@@ -31,19 +33,42 @@ _INFO, _WARNING, _ERROR = 2, 3, 4
 """Levels of Foxglove's log."""
 _LEVELS = dict.fromkeys(BAD_NEWS, _WARNING) | {"failed": _ERROR}
 
-_TEXT, _INT, _NUMBER, _FLAG = ({"type": kind} for kind in ("string", "integer", "number", "boolean"))
+_TEXT, _INT, _NUMBER, _FLAG = (
+    {"type": kind} for kind in ("string", "integer", "number", "boolean")
+)
 _TIME = object_schema("time", sec=_INT, nsec=_INT)
 _CAUSE = object_schema(
-    "cause", kind=_TEXT, module=_TEXT, connection=_INT, number=_INT, message=_TEXT, origin=_INT, due=_TEXT, about=_INT
+    "cause",
+    kind=_TEXT,
+    module=_TEXT,
+    connection=_INT,
+    number=_INT,
+    message=_TEXT,
+    origin=_INT,
+    due=_TEXT,
+    about=_INT,
 )
 _SCHEMAS = {
     "/tca/facts": object_schema("tca.Fact", t=_NUMBER, entry=_INT, cause=_CAUSE, kind=_TEXT),
     "/tca/tasks": object_schema(
-        "tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT, handled=_FLAG
+        "tca.Task",
+        id=_INT,
+        name=_TEXT,
+        parent=_INT,
+        sender=_TEXT,
+        state=_TEXT,
+        failure=_TEXT,
+        handled=_FLAG,
     ),
     "/tca/resources": object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT),
     "/tca/log": object_schema(
-        "foxglove.Log", timestamp=_TIME, level=_INT, message=_TEXT, name=_TEXT, file=_TEXT, line=_INT
+        "foxglove.Log",
+        timestamp=_TIME,
+        level=_INT,
+        message=_TEXT,
+        name=_TEXT,
+        file=_TEXT,
+        line=_INT,
     ),
 }
 """Of topics; those of the robot's messages come from how these were declared."""
@@ -62,13 +87,17 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
     """Write a run, of which all is known, and its entries once more."""
     writer = _Topics(run, stream)
     nanoseconds = Nanoseconds(run)
-    streams = _from_entries(run, entries, nanoseconds), _states(run, nanoseconds), _resources(run, nanoseconds)
+    streams = (
+        _from_entries(run, entries, nanoseconds),
+        _states(run, nanoseconds),
+        _resources(run, nanoseconds),
+    )
     for said in heapq.merge(*streams, key=itemgetter(0)):
         writer.write(said)
     writer.finish()
 
 
-# --- records -------------------------------------------------------------------------------------------------------
+# --- records --------------------------------------------------------------------------------------
 
 
 def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
@@ -93,9 +122,16 @@ def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) 
 
 
 def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
-    """The data of a message that is sent, of a result, or of an intermediate one; None of other facts."""
+    """The data of a message that is sent, of a result, or of an intermediate one; None of other
+    facts.
+    """
     if isinstance(fact, facts.Received):
-        content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
+        content = {
+            "id": fact.id,
+            "sender": fact.sender,
+            "parent": fact.parent,
+            "origin": fact.origin,
+        }
         return Said(time, "/messages", fact.message, content | _data(fact.body))
     if isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
         topic, number, message = "/results", fact.id, run.delivered(fact.id)
@@ -111,7 +147,14 @@ def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
 def _logged(time: int, began: int, level: int, text: str, number: int) -> Said:
     """A line of Foxglove's log; *number* is the entry that it is about."""
     timestamp = {"sec": (time + began) // _SECOND, "nsec": (time + began) % _SECOND}
-    line = {"timestamp": timestamp, "level": level, "message": text, "name": "tca", "file": "", "line": number}
+    line = {
+        "timestamp": timestamp,
+        "level": level,
+        "message": text,
+        "name": "tca",
+        "file": "",
+        "line": number,
+    }
     return Said(time, "/tca/log", "", line)
 
 
@@ -153,16 +196,18 @@ def _resources(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
         for span in spans
         for time, step in ((span.start, 1), (span.end, -1))
         if time is not None
-    ]  # fmt: skip
+    ]
     counts: dict[str, list[int]] = {}
     for time, resource, is_running, step in sorted(changes):
         queued_and_running = counts.setdefault(resource, [0, 0])
         queued_and_running[is_running] += step
         queued, running = queued_and_running
-        yield Said(time, "/tca/resources", "", {"resource": resource, "running": running, "queued": queued})
+        yield Said(
+            time, "/tca/resources", "", {"resource": resource, "running": running, "queued": queued}
+        )
 
 
-# --- how it is written --------------------------------------------------------------------------------------------
+# --- how it is written ----------------------------------------------------------------------------
 
 
 class _Topics:
@@ -185,7 +230,9 @@ class _Topics:
         channel = self._channels[key]
         self._counts[channel] += 1
         time = said.time + self._began
-        self._writer.add_message(channel, time, msgspec.json.encode(said.content), time, self._counts[channel])
+        self._writer.add_message(
+            channel, time, msgspec.json.encode(said.content), time, self._counts[channel]
+        )
 
     def finish(self) -> None:
         """Write what readers look for at the end of the file."""
@@ -193,14 +240,18 @@ class _Topics:
 
     def _open(self, topic: str, about: str) -> int:
         schema = _SCHEMAS.get(topic) or self._schema_about(topic, about)
-        schema_id = self._writer.register_schema(schema["title"], "jsonschema", msgspec.json.encode(schema))
+        schema_id = self._writer.register_schema(
+            schema["title"], "jsonschema", msgspec.json.encode(schema)
+        )
         wanted = name = f"{topic}/{re.sub(r'[^A-Za-z0-9_/-]', '_', about)}" if about else topic
         for number in count(2):  # "move leg" and "move_leg" are two messages
             if name not in self._topics:
                 break
             name = f"{wanted}_{number}"
         self._topics.add(name)
-        return self._writer.register_channel(name, "json", schema_id, {"message": about} if about else {})
+        return self._writer.register_channel(
+            name, "json", schema_id, {"message": about} if about else {}
+        )
 
     def _schema_about(self, topic: str, about: str) -> Schema:
         """The schema of what is sent or returned, from how the message was declared."""
@@ -208,6 +259,8 @@ class _Topics:
         if topic == "/progress":
             return object_schema(f"{about} (progress)", id=_INT)
         if topic == "/results":
-            return object_schema(f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None)
+            return object_schema(
+                f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None
+            )
         data = plain_schema(known.data) if known else None
         return object_schema(about, id=_INT, sender=_TEXT, parent=_INT, origin=_INT, data=data)

@@ -1,4 +1,6 @@
-"""Times as whole nanoseconds, as Perfetto and MCAP want them: each entry's later than that of the one before."""
+"""Times as whole nanoseconds, as Perfetto and MCAP want them: each entry's later than that of the
+one before.
+"""
 
 from array import array
 from bisect import bisect_left
@@ -13,8 +15,8 @@ _LATEST = 4e9
 class Nanoseconds:
     """Turns the times of a past into nanoseconds since its epoch began.
 
-    Entries of one and the same time, of which a coarse clock makes many, come one nanosecond after the other: so an
-    effect is never as early as its cause.
+    Entries of one and the same time, of which a coarse clock makes many, come one nanosecond after
+    the other: so an effect is never as early as its cause.
     """
 
     def __init__(self, run: Run) -> None:

@@ -29,14 +29,19 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
         found = table.rows(run)
         while rows := list(islice(found, _ROWS_IN_A_GROUP)):
             columns = [
-                _column(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
+                _column(column, kind)
+                for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
             ]
             writer.write_batch(pa.record_batch(columns, schema=schema))
 
 
 def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
-    """A column. Journals have integers up to 2^64: what has no room in it becomes the largest one that has."""
+    """A column. Journals have integers up to 2^64: what has no room in it becomes the largest one
+    that has.
+    """
     try:
         return pa.array(values, kind)
     except OverflowError:
-        return pa.array([value if value is None else min(value, _LARGEST) for value in values], kind)
+        return pa.array(
+            [value if value is None else min(value, _LARGEST) for value in values], kind
+        )

@@ -1,6 +1,7 @@
 """A run as tables: what CSV and Parquet files hold; docs/exports.md lists the columns for users.
 
-Times are seconds on the journal's clock. None is what is not known, has not happened, or is not there.
+Times are seconds on the journal's clock. None is what is not known, has not happened, or is not
+there.
 """
 
 import csv
@@ -39,13 +40,24 @@ class Table:
 
     def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[TableRow]]) -> None:
         self.name = name
-        self.columns = {column: ColumnType(word) for column, _, word in (one.partition(":") for one in columns.split())}
+        self.columns = {
+            column: ColumnType(word)
+            for column, _, word in (one.partition(":") for one in columns.split())
+        }
         self.rows = rows
 
 
 def _run(run: Run) -> Iterator[TableRow]:
     first, last = (run.clock[0], run.clock[-1]) if run.clock else (None, None)
-    yield run.epoch or None, run.began, first, last, max(run.time, last or 0.0), run.is_live, len(run.times)
+    yield (
+        run.epoch or None,
+        run.began,
+        first,
+        last,
+        max(run.time, last or 0.0),
+        run.is_live,
+        len(run.times),
+    )
 
 
 def _messages(run: Run) -> Iterator[TableRow]:
@@ -63,9 +75,16 @@ def _messages(run: Run) -> Iterator[TableRow]:
 def _failures(run: Run) -> Iterator[TableRow]:
     for one in all_failures(run):
         yield (
-            one.message.id, one.message.name, one.time, one.failure.name, one.failure.words or None, one.by or None,
-            _delivery(one.asker), str(fate(run, one.message, one.time)), went_on(run, one.message, one.time),
-        )  # fmt: skip
+            one.message.id,
+            one.message.name,
+            one.time,
+            one.failure.name,
+            one.failure.words or None,
+            one.by or None,
+            _delivery(one.asker),
+            str(fate(run, one.message, one.time)),
+            went_on(run, one.message, one.time),
+        )
 
 
 def _delivery(handling: Handling | None) -> int | None:
@@ -78,7 +97,12 @@ def _tasks(run: Run) -> Iterator[TableRow]:
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
-        killed = (task.killed, task.killed_by or None, _delivery(task.killer), task.killed_for or None)
+        killed = (
+            task.killed,
+            task.killed_by or None,
+            _delivery(task.killer),
+            task.killed_for or None,
+        )
         yield *known, *reached, *killed, task.suspension is not None
 
 
@@ -91,7 +115,14 @@ def _states(run: Run) -> Iterator[TableRow]:
 def _changes(run: Run) -> Iterator[TableRow]:
     for task in run.tasks.values():
         for one in task.life:
-            said = (one.transition, one.state, one.serial, str(one.by), one.module or None, one.text or None)
+            said = (
+                one.transition,
+                one.state,
+                one.serial,
+                str(one.by),
+                one.module or None,
+                one.text or None,
+            )
             yield task.id, task.name, one.time, *said, _json(one.body)
 
 
@@ -113,41 +144,77 @@ def _queueings(run: Run) -> Iterator[TableRow]:
 
 
 def _waits(run: Run) -> Iterator[TableRow]:
-    found = [(message.id, wait) for message in run.messages.values() for wait in waits_of(run, message.id)]
-    found += [(0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits]
+    found = [
+        (message.id, wait)
+        for message in run.messages.values()
+        for wait in waits_of(run, message.id)
+    ]
+    found += [
+        (0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits
+    ]
     for number, wait in sorted(found, key=lambda one: one[1].start):
         if wait.kind is not WaitKind.RUNNING:
-            is_other = wait.kind not in (WaitKind.RESOURCE, WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION)
+            is_other = wait.kind not in (
+                WaitKind.RESOURCE,
+                WaitKind.HANDLER,
+                WaitKind.DELAY,
+                WaitKind.CONDITION,
+            )
             on = (wait.on.number, run.name(wait.on.number)) if is_other else (None, None)
-            moment = ", ".join(describe_moments(wait.on.moment)) if is_other and wait.on.moment else None
+            moment = (
+                ", ".join(describe_moments(wait.on.moment)) if is_other and wait.on.moment else None
+            )
             yield (
-                number or None, *_place(wait), str(wait.kind), *on, moment, wait.start,
+                number or None,
+                *_place(wait),
+                str(wait.kind),
+                *on,
+                moment,
+                wait.start,
                 None if wait.end == inf else wait.end,
-            )  # fmt: skip
+            )
 
 
 def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
     """Module, resource and delivery: of the handler that waits, or where a message is queued."""
     record = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
     if isinstance(record, Handling | Queueing):
-        return record.module or None, record.resource or None, getattr(record, "delivery", 0) or None
+        return (
+            record.module or None,
+            record.resource or None,
+            getattr(record, "delivery", 0) or None,
+        )
     return record if isinstance(record, str) else None, None, None
 
 
 def _drops(run: Run) -> Iterator[TableRow]:
     for one in run.drops:
         yield (
-            one.time, one.message_id or None, one.name or None, one.is_copy, one.number, str(one.dropping) or None,
-            one.why, one.sender or None,
-        )  # fmt: skip
+            one.time,
+            one.message_id or None,
+            one.name or None,
+            one.is_copy,
+            one.number,
+            str(one.dropping) or None,
+            one.why,
+            one.sender or None,
+        )
 
 
 def _claims(run: Run) -> Iterator[TableRow]:
     for claim in run.claims.values():
         yield (
-            claim.id, claim.module, claim.resource, claim.is_reserved, claim.sender, claim.origin or None, claim.start,
-            claim.granted, claim.end, claim.ended or None,
-        )  # fmt: skip
+            claim.id,
+            claim.module,
+            claim.resource,
+            claim.is_reserved,
+            claim.sender,
+            claim.origin or None,
+            claim.start,
+            claim.granted,
+            claim.end,
+            claim.ended or None,
+        )
 
 
 def _json(body: bytes) -> str | None:
@@ -171,17 +238,29 @@ TABLES = (
         _tasks,
     ),
     Table("states", "task:int name state start:s end:s", _states),
-    Table("changes", "task:int name time:s transition state serial:int by module text data:json", _changes),
+    Table(
+        "changes",
+        "task:int name time:s transition state serial:int by module text data:json",
+        _changes,
+    ),
     Table(
         "handlings",
         "message:int delivery:int name module resource start:s end:s outcome handled:flag direct_from slot:int"
         " nested:flag priority:int",
         _handlings,
     ),
-    Table("failures", "message:int name time:s failure text raised_by raised_from:int fate handled:flag", _failures),
+    Table(
+        "failures",
+        "message:int name time:s failure text raised_by raised_from:int fate handled:flag",
+        _failures,
+    ),
     Table("drops", "time:s message:int name copy:flag number:int reason why direct_from", _drops),
     Table("queueings", "message:int name module resource priority:int start:s end:s", _queueings),
-    Table("waits", "message:int module resource delivery:int kind on:int name moment start:s end:s", _waits),
+    Table(
+        "waits",
+        "message:int module resource delivery:int kind on:int name moment start:s end:s",
+        _waits,
+    ),
     Table(
         "claims",
         "id:int module resource reservation:flag sender origin:int asked:s granted:s end:s why",
@@ -192,8 +271,8 @@ TABLES = (
 
 
 def write_csv(table: Table, run: Run, stream: BinaryIO) -> None:
-    """Write a table with a line of column names (RFC 4180; UTF-8, empty where nothing is known). Flags are words that
-    every reader of CSV takes for truth values.
+    """Write a table with a line of column names (RFC 4180; UTF-8, empty where nothing is known).
+    Flags are words that every reader of CSV takes for truth values.
     """
     text = io.TextIOWrapper(stream, "utf-8", newline="")
     writer = csv.writer(text)

@@ -14,7 +14,14 @@ from tca_tools.gantt.window import ROOM, Pick
 from tca_tools.journal.fold import folded, no_garbage
 from tca_tools.journal.journals import open_log
 from tca_tools.journal.records import OVER, Task
-from tca_tools.journal.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
+from tca_tools.journal.selection import (
+    check_modules,
+    messages_of,
+    one_task,
+    subtree,
+    tasks_called,
+    waited_for,
+)
 from tca_tools.journal.whole_run import Run
 from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
 from tca_tools.output import show_text, write_output
@@ -27,7 +34,11 @@ _KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
 
 @click.command()
 @shared_options
-@click.option("--story", metavar="TASK", help="Only this task, what is under it and, paler, what it waited for.")
+@click.option(
+    "--story",
+    metavar="TASK",
+    help="Only this task, what is under it and, paler, what it waited for.",
+)
 @output_option(".svg, .png, .pdf, .html or .txt")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw bars with ASCII characters.")
 def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: bool) -> None:
@@ -77,7 +88,9 @@ def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
 
 
 def _life(run: Run, task: Task) -> tuple[float, float | None]:
-    """When a task was sent, and a little after its end, if it has ended: what it waited for may have gone on."""
+    """When a task was sent, and a little after its end, if it has ended: what it waited for may
+    have gone on.
+    """
     if task.state not in OVER:
         return task.received, None
     end = max(task.stage(-1)[0], task.reached.get(Moment.END_ACHIEVING, 0.0))

@@ -16,8 +16,11 @@ _NAMED = 4
 """How many messages the title of a block names."""
 
 
-def in_blocks(bars: Iterable[Bar], start: float, column: float, narrow: float) -> tuple[list[Bar], list[Bar]]:
-    """Bars that are longer than *narrow* seconds or alone in their column, and blocks of the others.
+def in_blocks(
+    bars: Iterable[Bar], start: float, column: float, narrow: float
+) -> tuple[list[Bar], list[Bar]]:
+    """Bars that are longer than *narrow* seconds or alone in their column, and blocks of the
+    others.
 
     *column* is the length of a column in seconds; the first begins at *start*.
     """
@@ -27,7 +30,9 @@ def in_blocks(bars: Iterable[Bar], start: float, column: float, narrow: float) -
         if column <= 0 or bar.end - bar.start > narrow:
             wide.append(bar)
         else:
-            columns.setdefault((bar.lane, int((max(bar.start, start) - start) / column)), []).append(bar)
+            columns.setdefault(
+                (bar.lane, int((max(bar.start, start) - start) / column)), []
+            ).append(bar)
     wide += [some[0] for some in columns.values() if len(some) == 1]
     return wide, [_block(some) for some in columns.values() if len(some) > 1]
 
@@ -66,8 +71,12 @@ def _title(block: Bar) -> str:
     return f"{len(block.parts)} messages {where}: {', '.join(parts)}{ended}"
 
 
-def queue_lengths(bars: Iterable[Bar], start: float, column: float) -> list[tuple[float, float, int]]:
-    """How many waited at most in each column, where anything did: from, to, number; equal neighbours are one."""
+def queue_lengths(
+    bars: Iterable[Bar], start: float, column: float
+) -> list[tuple[float, float, int]]:
+    """How many waited at most in each column, where anything did: from, to, number; equal
+    neighbours are one.
+    """
     most: dict[int, int] = {}
     for (begin, number), (end, _) in pairwise(levels((bar.start, bar.end) for bar in bars)):
         if number and end >= start and column > 0:
@@ -80,4 +89,6 @@ def queue_lengths(bars: Iterable[Bar], start: float, column: float) -> list[tupl
             steps[-1][1] = at + 1
         else:
             steps.append([at, at + 1, number])
-    return [(start + first * column, start + behind * column, number) for first, behind, number in steps]
+    return [
+        (start + first * column, start + behind * column, number) for first, behind, number in steps
+    ]

@@ -1,4 +1,6 @@
-"""From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws nothing."""
+"""From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws
+nothing.
+"""
 
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -13,7 +15,15 @@ from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import has_coped, went_on
-from tca_tools.journal.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.journal.records import (
+    Claim,
+    HandlerWait,
+    Handling,
+    ModuleRecord,
+    Queueing,
+    Task,
+    TaskState,
+)
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Span
 from tca_wire.life_cycles import Effect
@@ -28,7 +38,9 @@ _HELD = (TaskState.HELD, TaskState.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
 
 
-def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
+def chart(
+    run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL
+) -> Chart:
     """The chart from *start* to *end*, a row for each resource; by default of all that happened."""
     window = (-inf if start is None else start, inf if end is None else end)
     rows = _Filler(run, pick, window).filled()
@@ -37,11 +49,15 @@ def chart(run: Run, start: float | None = None, end: float | None = None, pick: 
     start, end = span_of(list(rows.values()), run, pick, start, end)
     for row in rows.values():
         row.lay_out(start, end)
-    modules = list(dict.fromkeys(module for module, _ in rows if module))  # rows of a module stand side by side
+    modules = list(
+        dict.fromkeys(module for module, _ in rows if module)
+    )  # rows of a module stand side by side
     places = {module: place for place, module in enumerate([*modules, ""])}
     keys = sorted(rows, key=lambda key: (places[key[0]], key == ("", "")))
     shown = (rows[key] for key in keys)
-    return Chart(start, end, [row for row in shown if any(row.bars) or _shows_empty(row, pick)], list(names))
+    return Chart(
+        start, end, [row for row in shown if any(row.bars) or _shows_empty(row, pick)], list(names)
+    )
 
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
@@ -68,7 +84,11 @@ class _Filler:
         for handling in self._wanted(run.handlings):
             self._row(handling.module, handling.resource).handled.append(self._handled(handling))
         for module in modules:  # what it waits for outside of handlers
-            waits = (wait for wait in self._showing(_lasting(module.waits)) if self.pick.message(wait.awaited))
+            waits = (
+                wait
+                for wait in self._showing(_lasting(module.waits))
+                if self.pick.message(wait.awaited)
+            )
             awaited = [self._awaited(module.name, wait) for wait in waits]
             self._row(module.name, _resources(module)[0]).handled += awaited
         for queueing in self._wanted(run.queueings):
@@ -84,13 +104,17 @@ class _Filler:
         """Its rows, as long as they are empty."""
         for resource in _resources(module):
             row = self._row(module.name, resource)
-            row.connected = [(start, self.run.time if end is None else end) for start, end in module.joined]
+            row.connected = [
+                (start, self.run.time if end is None else end) for start, end in module.joined
+            ]
             row.is_offered = bool(module.resources)
 
     def _row(self, module: str, resource: str) -> ResourceRow:
         key = (module, resource)
         if key not in self.rows:
-            self.rows[key] = ResourceRow(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
+            self.rows[key] = ResourceRow(
+                place(*key) if module else resource or NO_HANDLER, is_nobodys=not module
+            )
         return self.rows[key]
 
     def _wanted(self, some: Iterable[Any]) -> Iterator[Any]:
@@ -105,9 +129,11 @@ class _Filler:
             if one.start <= self.end and (one.end is None or one.end >= self.start):
                 yield one
 
-    # --- single bars -------------------------------------------------------------------------------------------------
+    # --- single bars ------------------------------------------------------------------------------
 
-    def _bar(self, kind: BarKind, name: str, start: float, end: float | None, of: int | None = None) -> Bar:
+    def _bar(
+        self, kind: BarKind, name: str, start: float, end: float | None, of: int | None = None
+    ) -> Bar:
         """A bar *of* a message, without its title."""
         until = self.run.time if end is None else end
         is_beside = of is not None and not self.pick.is_asked(of)
@@ -162,7 +188,9 @@ class _Filler:
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:
-        """The failures raised on a task and the requests of its clients, in a bar of it or after the last one."""
+        """The failures raised on a task and the requests of its clients, in a bar of it or after
+        the last one.
+        """
         run, task = self.run, self.run.tasks.get(number)
         failures = run.raised.get(number, ())
         if task is None or not (failures or task.life):
@@ -177,10 +205,12 @@ class _Filler:
         after = min((start for start in starts if start > bar.start), default=inf)
         return [one for one in marks if bar.start <= one.time < after]
 
-    # --- what is kept from going on ----------------------------------------------------------------------------------
+    # --- what is kept from going on ---------------------------------------------------------------
 
     def _add_kept(self, task: Task) -> None:
-        """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
+        """The spans in which a task was held, where it was or would be handled, or suspended, in a
+        row of their own.
+        """
         wanted = [TaskState.SUSPENDED]
         if task.id in self.pick.held:
             wanted += _HELD
@@ -204,7 +234,10 @@ class _Filler:
     def _held(self, task: Task, start: float, end: float) -> list[Bar]:
         """A bar for each cause, one after the other in a lane."""
         waits = [wait for wait in told_waits(self.run, task) if start <= wait.start < end]
-        starts, ends = (wait.start for wait in waits), (wait.end for wait in waits if wait.end < end)
+        starts, ends = (
+            (wait.start for wait in waits),
+            (wait.end for wait in waits if wait.end < end),
+        )
         stops = sorted({start, *starts, *ends})
         bars: list[Bar] = []
         for since, until in pairwise([*stops, end]):
@@ -231,8 +264,13 @@ def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
 
 
 def _home(run: Run, task: Task, start: float, end: float) -> tuple[str, str]:
-    """Where a task was handled or, if it was not, would have been while it was kept, from *start* to *end*."""
-    spans: list[Handling | Queueing] = [*task.handlings[:1], *filter(attrgetter("module"), task.queueings)]
+    """Where a task was handled or, if it was not, would have been while it was kept, from *start*
+    to *end*.
+    """
+    spans: list[Handling | Queueing] = [
+        *task.handlings[:1],
+        *filter(attrgetter("module"), task.queueings),
+    ]
     if spans:
         return spans[0].module, spans[0].resource
     for offer in reversed(run.offers.get(task.name, [])):

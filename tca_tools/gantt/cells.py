@@ -11,13 +11,29 @@ from tca_tools.terminal import can_show, columns_of, line_width
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
 
-FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow"), Ending.RESOLVED: ("&", "bright_yellow")}
+FAILURES = {
+    Ending.FAILED: ("!", "red"),
+    Ending.COPED: ("~", "yellow"),
+    Ending.RESOLVED: ("&", "bright_yellow"),
+}
 MARKS = {**FAILURES, Ending.NONE: ("?", None)}
 END, NEXT_CAUSE, TICK = "end", "next cause", "tick"
 _DRAWN = (
-    BarKind.HANDLED, END, BarKind.WAITING, BarKind.QUEUED, BarKind.SUSPENDED, BarKind.IDLE, BarKind.HELD, NEXT_CAUSE,
-    BarKind.LOCKED, BarKind.RESERVED, TICK, CONNECTED, TaskRole.AHEAD, TaskRole.WASTED,
-)  # fmt: skip
+    BarKind.HANDLED,
+    END,
+    BarKind.WAITING,
+    BarKind.QUEUED,
+    BarKind.SUSPENDED,
+    BarKind.IDLE,
+    BarKind.HELD,
+    NEXT_CAUSE,
+    BarKind.LOCKED,
+    BarKind.RESERVED,
+    TICK,
+    CONNECTED,
+    TaskRole.AHEAD,
+    TaskRole.WASTED,
+)
 UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - they look like no letters in a long line
 ASCII = dict(zip(_DRAWN, "#|=.--:|x/'_^%", strict=True))
 """The characters of what is drawn."""
@@ -54,7 +70,9 @@ class Cells:
         time, length = min(max(time, self.start), self.end), self.end - self.start or 1.0
         return round(len(self.characters) * (time - self.start) / length)
 
-    def paint(self, start: float, end: float, character: str, name: str, colour: str | None) -> None:
+    def paint(
+        self, start: float, end: float, character: str, name: str, colour: str | None
+    ) -> None:
         """A span of one character, with its name if that has room."""
         first, behind = self.span(start, end)
         line = [character] * (behind - first)
@@ -77,7 +95,9 @@ class Cells:
         """The line, with runs of one colour as one."""
         runs = groupby(zip(self.characters, self.colours, strict=True), key=itemgetter(1))
         pieces = [(colour, "".join(character for character, _ in run)) for colour, run in runs]
-        return "".join(click.style(run, fg=colour) if colour else run for colour, run in pieces).rstrip()
+        return "".join(
+            click.style(run, fg=colour) if colour else run for colour, run in pieces
+        ).rstrip()
 
 
 def write_name(line: list[str], *names: str) -> None:

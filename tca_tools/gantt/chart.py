@@ -69,12 +69,16 @@ MEANINGS: dict[str, str] = {
     "flag-coped": "here something failed, and was handled",
     "flag-resolved": f"here something failed, and is {Outcome.RESOLVED}",
 }
-"""The legend of a chart: what is to be seen in it, by the name of its look (see ``chart.css``), and what that means."""
+"""The legend of a chart: what is to be seen in it, by the name of its look (see ``chart.css``), and
+what that means.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A moment in a bar: a failure that was raised beside the handler, or a request of a client, or its answer."""
+    """A moment in a bar: a failure that was raised beside the handler, or a request of a client, or
+    its answer.
+    """
 
     time: float
     ending: Ending
@@ -210,7 +214,9 @@ class Chart:
     end: float
     rows: list[ResourceRow]
     names: list[str]
-    """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
+    """Messages in the order in which they were first sent, whatever the span: a name's place tells
+    its colour.
+    """
     title: str = ""
     notes: Sequence[str] = ()
     """What stands below the rows."""

@@ -27,12 +27,19 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     items = [(f'class="{key}"', meaning) for key, meaning in MEANINGS.items() if key in seen]
     shown = {bar.name for bar in chart.bars()}
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
-    items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
-    return items + [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
+    items += [
+        (f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL))
+        for number, name in names[:_MOST_NAMES]
+    ]
+    return items + [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (
+        len(names) > _MOST_NAMES
+    )
 
 
 def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
-    """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
+    """Squares with their meanings, in as many lines as they need; and where what follows may
+    begin.
+    """
     lines: list[str] = []
     x, y = MARGIN, top
     for look, words in items:
@@ -46,7 +53,9 @@ def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list
 
 
 def patterns(chart: Chart) -> str:
-    """The hatchings of messages: of what queues, leaning to one side, and of what is suspended, to the other."""
+    """The hatchings of messages: of what queues, leaning to one side, and of what is suspended, to
+    the other.
+    """
     made = []
     numbers = {name: number for number, name in enumerate(chart.names)}
     for name, kind in sorted({(bar.name, bar.kind) for row in chart.rows for bar in row.queued}):

@@ -13,7 +13,9 @@ CHARACTER = 6.5
 """Mean width of a character of the labels; a guess that must not be too small."""
 LONGEST_LABEL = 40
 _WIDEST = 1.2
-"""How much wider than usual letters are where a machine has none of the fonts that are asked for."""
+"""How much wider than usual letters are where a machine has none of the fonts that are asked
+for.
+"""
 OWN_STYLE = Path(__file__).with_name("chart.css").read_text()
 STYLE = svg.STYLE + OWN_STYLE
 
@@ -39,7 +41,9 @@ def dark(number: int) -> str:
     """The colour of the *number*-th name; white text can be read on it."""
     if number < len(_DARK):
         return _DARK[number]
-    red, green, blue = colorsys.hls_to_rgb(_FIRST_HUE + _HUES * (number * _GOLDEN_ANGLE % 1.0), 0.38, 0.45)
+    red, green, blue = colorsys.hls_to_rgb(
+        _FIRST_HUE + _HUES * (number * _GOLDEN_ANGLE % 1.0), 0.38, 0.45
+    )
     return f"#{round(red * 255):02x}{round(green * 255):02x}{round(blue * 255):02x}"
 
 

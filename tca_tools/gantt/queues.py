@@ -1,4 +1,6 @@
-"""Draws what waits below a row's bars: hatched bars, or where those would be too many or too narrow, how many wait."""
+"""Draws what waits below a row's bars: hatched bars, or where those would be too many or too
+narrow, how many wait.
+"""
 
 from collections.abc import Iterator
 
@@ -20,7 +22,9 @@ _CURVE = 'class="curve"'
 
 
 def is_curve(row: ResourceRow, scale: Scale) -> bool:
-    """Whether only the length of its queue is drawn: of a long one, and of one that is mostly in bars too narrow."""
+    """Whether only the length of its queue is drawn: of a long one, and of one that is mostly in
+    bars too narrow.
+    """
     if lanes_of(row.queued) > (_MOST_OF_NOBODYS if row.is_nobodys else MOST_QUEUE_LANES):
         return True
     widths = [scale.x(bar.end) - scale.x(bar.start) for bar in row.queued]
@@ -36,8 +40,8 @@ def queue_height(row: ResourceRow, *, is_curve: bool) -> float:
 
 
 def curve(row: ResourceRow, scale: Scale, column: float, top: float) -> Iterator[str]:
-    """How many wait, as a line of steps; beside the first of the highest, left or right of it, the number, if ever more
-    than one does.
+    """How many wait, as a line of steps; beside the first of the highest, left or right of it, the
+    number, if ever more than one does.
     """
     lengths = queue_lengths(row.queued, scale.start, column)
     steps = [one for one in lengths if one[0] <= scale.end]
@@ -50,7 +54,9 @@ def curve(row: ResourceRow, scale: Scale, column: float, top: float) -> Iterator
     if lanes_of(row.queued) > 1:
         said = f"up to {most} {row.queue_kind}"
         room = width_of(said)
-        start, end = next((map(scale.x, span) for *span, number in steps if number == most), (0.0, 0.0))
+        start, end = next(
+            (map(scale.x, span) for *span, number in steps if number == most), (0.0, 0.0)
+        )
         if start > room + _BESIDE:
             yield words("number before", start - _BESIDE, top + 10, said, UNTOUCHED)
         else:

@@ -1,4 +1,6 @@
-"""Draws the rows of a chart: its band, its locks, its bars, what waits below them, and flags where something failed."""
+"""Draws the rows of a chart: its band, its locks, its bars, what waits below them, and flags where
+something failed.
+"""
 
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -21,7 +23,9 @@ _MOST_LANES = 12
 _HELD_LANE, _MOST_HELD_LANES = 17.0, 6
 """Lanes of held tasks, which say why on their bars; of more the number is shown."""
 _NARROW, _COLUMN = 1.5, 4.0
-"""Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those are put together."""
+"""Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those
+are put together.
+"""
 _SMALLEST = 1.0
 _PALEST = 0.45
 _STROKE = 2.5
@@ -127,7 +131,11 @@ class Painter:
                 place = number, round(x / self._scale.finest)
                 if place not in drawn:
                     drawn.add(place)
-                    look, y, left = f'class="{MARKED[mark.ending]}"', top + number * lane, x - _STROKE / 2
+                    look, y, left = (
+                        f'class="{MARKED[mark.ending]}"',
+                        top + number * lane,
+                        x - _STROKE / 2,
+                    )
                     yield rectangle(look, left, y - 1, left + _STROKE, lane + 1, mark.title)
 
     def _queue(self, bars: list[Bar], top: float) -> Iterator[str]:
@@ -150,14 +158,18 @@ class Painter:
     def _handled(self, bar: Bar, y: float) -> Iterator[str]:
         scale, (left, right), paled = self._scale, self._ends(bar), _paled(bar)
         strong, pale = (shade(self._numbers[bar.name]) for shade in (dark, light))
-        gap = 0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0  # to tell neighbours apart
+        gap = (
+            0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0
+        )  # to tell neighbours apart
         smallest = _SMALLEST * scale.finest
         colour = pale if bar.is_waiting and right - left <= smallest else strong
         look = f'fill="{colour}"'
         if right - left < _SMALLEST:
             look += f' stroke="{colour}" stroke-width="0.8"'
         yield rectangle(look + paled, left, y, right - gap, _BAR, bar.title())
-        waits = [(max(scale.x(wait.start), left), min(scale.x(wait.end), right)) for wait in bar.waits]
+        waits = [
+            (max(scale.x(wait.start), left), min(scale.x(wait.end), right)) for wait in bar.waits
+        ]
         for (start, end), wait in zip(waits, bar.waits, strict=True):
             if end - start > smallest:
                 look = f'fill="{pale}" stroke="{strong}" stroke-width="0.6"{paled}'
@@ -173,7 +185,9 @@ class Painter:
         yield from self._name(bar, [left, *chain.from_iterable(sorted(waits)), right], y)
 
     def _name(self, bar: Bar, edges: list[float], y: float) -> Iterator[str]:
-        """The first label that has room in the widest part of the bar; or the last, if that will have room there."""
+        """The first label that has room in the widest part of the bar; or the last, if that will
+        have room there.
+        """
         parts = enumerate(pairwise(edges))
         width, start, is_light = max((b - a, a, number % 2) for number, (a, b) in parts)
         fitting = [one for one in bar.labels if _wide(one) < width]
@@ -182,7 +196,9 @@ class Painter:
         yield from self._words(name, kind, (start, start + width), y + _BAR / 2 + 4)
 
     def _ending(self, bar: Bar, left: float, right: float, y: float) -> Iterator[str]:
-        """A frame around what failed, a dark end of what was killed; a foot of what is too narrow for that."""
+        """A frame around what failed, a dark end of what was killed; a foot of what is too narrow
+        for that.
+        """
         thin = 1.5 * self._scale.finest
         if bar.ending and right - left <= _FRAMED:
             look, top = f'class="ink-{bar.ending}"', y + _BAR - _FOOT
@@ -198,7 +214,9 @@ class Painter:
         left, right = span
         if depth := self._scale.depth_for(_wide(said), right - left):
             kind += "" if depth == 1 else f" z{depth}"
-            until = f' data-to="{right:.2f}"' if len(self._scale.depths) > 1 else ""  # a page keeps it in sight
+            until = (
+                f' data-to="{right:.2f}"' if len(self._scale.depths) > 1 else ""
+            )  # a page keeps it in sight
             yield words(kind, left + 4 / depth, y, said, until + UNTOUCHED)
 
     def _flags(self, row: ResourceRow, ending: Ending, y: float) -> Iterator[str]:

@@ -1,4 +1,6 @@
-"""A chart as an SVG picture or page: dark bars where a handler runs, light where it waits, hatched where it queues."""
+"""A chart as an SVG picture or page: dark bars where a handler runs, light where it waits, hatched
+where it queues.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,13 +21,15 @@ _USUAL_BAR = 8.0
 _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
 _MOST_SHAPES = {1: inf, 4: 80_000, 16: 20_000}
-"""A page can be zoomed: what only shows when it is so many times wider is in it from the beginning, unless it has more
-bars than that: it must not be too large for a browser.
+"""A page can be zoomed: what only shows when it is so many times wider is in it from the beginning,
+unless it has more bars than that: it must not be too large for a browser.
 """
 _WINDOW = 1200.0
 """A width that most windows have."""
 _PAGE = 1000.0
-"""Pixels: of a page's plot that it is made wider from; what has room there has it in most windows."""
+"""Pixels: of a page's plot that it is made wider from; what has room there has it in most
+windows.
+"""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,9 @@ def _svg(width: float, height: float, inner: str) -> str:
 
 
 def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
-    """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than *widest* (pixels)."""
+    """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than
+    *widest* (pixels).
+    """
     width = min(_plot_width(chart), widest)
     label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)

@@ -6,7 +6,16 @@ from itertools import cycle
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.cells import END, FAILURES, MARKS, NEXT_CAUSE, TICK, UNICODE, Cells, write_name
-from tca_tools.gantt.chart import CONNECTED, MARKED, MEANINGS, Bar, BarKind, Chart, ResourceRow, lanes_of
+from tca_tools.gantt.chart import (
+    CONNECTED,
+    MARKED,
+    MEANINGS,
+    Bar,
+    BarKind,
+    Chart,
+    ResourceRow,
+    lanes_of,
+)
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.printable import printable
 
@@ -64,10 +73,14 @@ class TextPage:
     def legend(self, meanings: Mapping[str, str]) -> Iterator[str]:
         """The meanings of the characters, in lines that fit the page."""
         looks = {kind: character * 2 for kind, character in self._blocks.items()}
-        looks |= {ending: self._blocks[BarKind.HANDLED] + mark for ending, (mark, _) in FAILURES.items()}
+        looks |= {
+            ending: self._blocks[BarKind.HANDLED] + mark for ending, (mark, _) in FAILURES.items()
+        }
         looks |= {words: MARKS[ending][0] for ending, words in MARKED.items()}
         line = ""
-        for word in (f"{looks[key]} {meaning}" for key, meaning in meanings.items() if key in looks):
+        for word in (
+            f"{looks[key]} {meaning}" for key, meaning in meanings.items() if key in looks
+        ):
             if line and len(line) + 2 + len(word) > self._width:
                 yield line
                 line = ""
@@ -124,7 +137,10 @@ class TextPage:
         return lanes
 
     def _claims(self, row: ResourceRow, chart: Chart) -> list[Cells]:
-        cells, claims = self._cells(), [one for one in row.claims if chart.shows(one.start, one.end)]
+        cells, claims = (
+            self._cells(),
+            [one for one in row.claims if chart.shows(one.start, one.end)],
+        )
         for one in claims:
             cells.paint(one.start, one.end, self._blocks[one.kind], f"by {one.name}", "red")
         return [cells] * bool(claims)
@@ -145,7 +161,10 @@ class TextPage:
         elif len(line) > 1 and not bar.is_open and bar.end <= cells.end:
             line[-1] = blocks[END]  # a hair's breadth to the next bar
         for wait in bar.waits:
-            start, end = cells.column(wait.start) - first, min(cells.column(wait.end) - first, len(line))
+            start, end = (
+                cells.column(wait.start) - first,
+                min(cells.column(wait.end) - first, len(line)),
+            )
             line[max(start, 0) : max(end, 0)] = [blocks[BarKind.WAITING]] * (end - max(start, 0))
         write_name(line, *bar.labels)
         if bar.ending in FAILURES:

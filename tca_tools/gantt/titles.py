@@ -4,7 +4,16 @@ from tca_tools.explain.wait_words import told
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import failing, told_to
-from tca_tools.journal.records import Claim, Failure, HandlerWait, Handling, LifeChange, Queueing, Raised, Task
+from tca_tools.journal.records import (
+    Claim,
+    Failure,
+    HandlerWait,
+    Handling,
+    LifeChange,
+    Queueing,
+    Raised,
+    Task,
+)
 from tca_tools.journal.whole_run import Run
 from tca_tools.terminal import cut
 from tca_wire.text.bodies import data_text
@@ -36,7 +45,9 @@ def handled(run: Run, handling: Handling) -> str:
 
 
 def _with_what(run: Run, handling: Handling) -> str:
-    """The failure of one handler: ``: terrain collision: leg 4 met rock``; of copies each may have another one."""
+    """The failure of one handler: ``: terrain collision: leg 4 met rock``; of copies each may have
+    another one.
+    """
     message = run.messages.get(handling.message_id)
     if message is None or message.message_class.fans_out or handling.end is None:
         return ""
@@ -66,7 +77,9 @@ def changed(task: Task, change: LifeChange) -> str:
 
 
 def waits(run: Run, who: str, wait: HandlerWait) -> str:
-    """``take steps {2} waits for the reply to elevation map {5}, ...``; *who*: a handler's message, or a module."""
+    """``take steps {2} waits for the reply to elevation map {5}, ...``; *who*: a handler's message,
+    or a module.
+    """
     told_so = several_in_words(told(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
     return f"{who} waits {told_so}, {_span(run, wait.start, wait.end)}"
 

@@ -49,8 +49,9 @@ ALL = Pick()
 def span_of(
     rows: list[ResourceRow], run: Run, pick: Pick, start: float | None, end: float | None
 ) -> tuple[float, float]:
-    """From when until when the chart goes: what was not asked for is where things happened, with a little room; of a
-    run in which something goes on, until now. Who is just connected, or still has a lock, makes it no longer.
+    """From when until when the chart goes: what was not asked for is where things happened, with a
+    little room; of a run in which something goes on, until now. Who is just connected, or still has
+    a lock, makes it no longer.
     """
     now = run.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
@@ -63,14 +64,16 @@ def span_of(
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
     if end is None:
-        goes_on = any(bar.is_open for bar in bars) or any(map(partial(_is_at_it, run, pick), run.tasks.values()))
+        goes_on = any(bar.is_open for bar in bars) or any(
+            map(partial(_is_at_it, run, pick), run.tasks.values())
+        )
         end = now if run.is_live and goes_on else min(last + room, now)
     return start, max(end, start)
 
 
 def _is_at_it(run: Run, pick: Pick, task: Task) -> bool:
-    """Whether a task, which may be held and have no bar, goes on and does more than to watch, or to wait for what is
-    under it.
+    """Whether a task, which may be held and have no bar, goes on and does more than to watch, or to
+    wait for what is under it.
     """
     if task.state in OVER or not pick.message(task.id) or watches(task, task.state):
         return False

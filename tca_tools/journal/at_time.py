@@ -1,6 +1,7 @@
 """A run as known at a moment, from records that go on after it. Pure, and nothing is folded again.
 
-A moment is the time of an entry: each entry has its own. Looking at one task costs O(log) of what happened to it.
+A moment is the time of an entry: each entry has its own. Looking at one task costs O(log) of what
+happened to it.
 """
 
 from bisect import bisect_right
@@ -95,7 +96,9 @@ class TaskAt:
 
     @property
     def standing(self) -> str:
-        """Its state in words; of a failure whether the run had gone on after it, of a monitor whether it watched."""
+        """Its state in words; of a failure whether the run had gone on after it, of a monitor
+        whether it watched.
+        """
         return standing(self._run, self.record, self.state, self.moment)
 
     @property
@@ -133,7 +136,9 @@ class TaskAt:
 
     @property
     def preview(self) -> str:
-        """Whether a coordinator sent it ahead of its state, and what became of that: ``ahead, kept``; else ""."""
+        """Whether a coordinator sent it ahead of its state, and what became of that: ``ahead,
+        kept``; else "".
+        """
         sent = agent_task(self._run, self.record)
         return STANDINGS.get(sent.role(self.moment), "") if sent is not None else ""
 
@@ -166,14 +171,18 @@ class TaskAt:
 
     @property
     def waits(self) -> list[HandlerWait]:
-        """The waits of its handler; of an async handler that waits in several places, all that began lately."""
+        """The waits of its handler; of an async handler that waits in several places, all that
+        began lately.
+        """
         return lately(run.waits, self.moment) if (run := self.handling) else []
 
     @property
     def asking(self) -> list[Message]:
         """The queries of its handler that had not been answered, oldest first."""
         asked = self.handling.asked if self.handling else None
-        return [one for one in asked or () if one.received <= self.moment and not self._is_answered(one)]
+        return [
+            one for one in asked or () if one.received <= self.moment and not self._is_answered(one)
+        ]
 
     def _is_answered(self, query: Message) -> bool:
         is_given_up = bool(query.was("dropped", self.moment) or query.was("failure", self.moment))
@@ -193,10 +202,16 @@ class TaskAt:
     def ahead(self) -> list[EventAhead]:
         """Its deadlines that were to come, and when it was to be killed."""
         known = self._run.ahead.get(self.record.id, ())
-        return [one for one in known if one.set_at <= self.moment and self.state not in (*OVER, TaskState.ENDING)]
+        return [
+            one
+            for one in known
+            if one.set_at <= self.moment and self.state not in (*OVER, TaskState.ENDING)
+        ]
 
 
-def remembered(look: Callable[Concatenate["RunAt", _P], _T]) -> Callable[Concatenate["RunAt", _P], _T]:
+def remembered(
+    look: Callable[Concatenate["RunAt", _P], _T],
+) -> Callable[Concatenate["RunAt", _P], _T]:
     """Look once a moment: what was so then never changes."""
 
     @wraps(look)
@@ -230,7 +245,9 @@ class RunAt:
         """
         place = len(run.times) if clock is None else run.place(clock)
         end = run.time if now is None else max(now, run.time)
-        return cls(run, run.times[place - 1] if place else -inf, end if clock is None else min(clock, end))
+        return cls(
+            run, run.times[place - 1] if place else -inf, end if clock is None else min(clock, end)
+        )
 
     @cached_property
     def top(self) -> Sequence[TaskId]:
@@ -254,7 +271,9 @@ class RunAt:
     def ran_on(self, task: TaskAt) -> list[Handling]:
         """The handlers of what is under a suspended task that worked, though it was suspended."""
         still = task.suspension.still if task.suspension else []
-        return [run for run in still if self._works(run) and self._is_under(run.message_id, task.id)]
+        return [
+            run for run in still if self._works(run) and self._is_under(run.message_id, task.id)
+        ]
 
     def _works(self, run: Handling) -> bool:
         wait = going_on(run.waits, self.moment)
@@ -295,10 +314,14 @@ class RunAt:
 
     @remembered
     def wanted(self, module: str, resource: str) -> list[Claim]:
-        """The locks and reservations that somebody waited for, oldest first, of all copies of a module."""
+        """The locks and reservations that somebody waited for, oldest first, of all copies of a
+        module.
+        """
         claims = self.run.asked_for(module, resource)
         begun = islice(claims, bisect_right(claims, self.moment, key=_START))
-        return [claim for claim in begun if claim.until > self.moment and not self.is_granted(claim)]
+        return [
+            claim for claim in begun if claim.until > self.moment and not self.is_granted(claim)
+        ]
 
     def is_granted(self, claim: Claim) -> bool:
         """Whether it is in force, or was."""

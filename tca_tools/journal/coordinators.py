@@ -1,4 +1,5 @@
-"""Coordinators with a preview: which tasks they sent ahead of their states, and what that gained. Pure.
+"""Coordinators with a preview: which tasks they sent ahead of their states, and what that gained.
+Pure.
 
 Each report of a coordinator is read once, when somebody asks for the first time after it came.
 """
@@ -29,12 +30,16 @@ STANDINGS: dict[TaskRole | None, str] = {
     TaskRole.WASTED: "ahead, wasted",
     TaskRole.RESTORING: "restoring",
 }
-"""What a task is to its machine, in words; of one that was sent for the current state there is nothing to say."""
+"""What a task is to its machine, in words; of one that was sent for the current state there is
+nothing to say.
+"""
 
 
 @dataclass(slots=True)
 class SentByCoordinator:
-    """A task that a coordinator sent: for which state, and what it was to its machine since when."""
+    """A task that a coordinator sent: for which state, and what it was to its machine since
+    when.
+    """
 
     id: int
     state: str
@@ -55,7 +60,9 @@ class SentByCoordinator:
     @property
     def entered(self) -> float:
         """When its state was entered; inf if it was not."""
-        return next((time for time, role in self.roles if role in (TaskRole.KEPT, TaskRole.CURRENT)), inf)
+        return next(
+            (time for time, role in self.roles if role in (TaskRole.KEPT, TaskRole.CURRENT)), inf
+        )
 
     @property
     def is_wasted(self) -> bool:
@@ -84,7 +91,9 @@ class CoordinatorRecord:
         for change in coordinator.life[self._read :]:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
             if report is not None:
-                self._late.update(why_not_early(self.chart, one) for one in came_late(self._told, report))
+                self._late.update(
+                    why_not_early(self.chart, one) for one in came_late(self._told, report)
+                )
                 self._told = report
             outcomes = set[tuple[int, bool]]()
             for news in report.news if report is not None else ():
@@ -92,7 +101,9 @@ class CoordinatorRecord:
                 if task is None or task.parent != coordinator.id:
                     continue
                 if task.id not in self.tasks:
-                    self.tasks[task.id] = SentByCoordinator(task.id, self.label(news.state), news.agent)
+                    self.tasks[task.id] = SentByCoordinator(
+                        task.id, self.label(news.state), news.agent
+                    )
                 self.tasks[task.id].roles.append((change.time, news.role))
                 if news.role in (TaskRole.KEPT, TaskRole.WASTED):
                     outcomes.add((news.state, news.role is TaskRole.KEPT))
@@ -102,11 +113,13 @@ class CoordinatorRecord:
             self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
 
     def late(self) -> Counter[WhyNotEarly]:
-        """Why activities did not start before their turn, and how often. Where nothing ran ahead, reasons without a
-        remedy are told, too.
+        """Why activities did not start before their turn, and how often. Where nothing ran ahead,
+        reasons without a remedy are told, too.
         """
         has_early = any(task.is_early for task in self.tasks.values())
-        return Counter({why: times for why, times in self._late.items() if why.remedy or not has_early})
+        return Counter(
+            {why: times for why, times in self._late.items() if why.remedy or not has_early}
+        )
 
     def _waste_rest(self, end: float) -> None:
         """The run has ended: what is still ahead then, as it died, was in vain."""
@@ -124,7 +137,9 @@ def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
     if key not in run.memo:
         known = run.formats.get(task.name)
         chart = read_machine(known.data, task.body) if known is not None else None
-        run.memo[key] = CoordinatorRecord(chart) if chart is not None and chart.is_coordinated else None
+        run.memo[key] = (
+            CoordinatorRecord(chart) if chart is not None and chart.is_coordinated else None
+        )
     record: CoordinatorRecord | None = run.memo[key]
     if record is not None:
         record.read_on(run, task)
@@ -139,14 +154,24 @@ def agent_task(run: Run, task: Task) -> SentByCoordinator | None:
 
 
 def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
-    """The waits of a coordinator for its tasks, except those that it sent in vain. It waits for whatever comes first,
-    so the journal has none of them.
+    """The waits of a coordinator for its tasks, except those that it sent in vain. It waits for
+    whatever comes first, so the journal has none of them.
     """
     coordinator = run.tasks.get(handling.message_id)
     record = coordinator_of(run, coordinator) if coordinator is not None else None
-    sent = [run.tasks[one.id] for one in record.tasks.values() if not one.is_wasted] if record is not None else []
+    sent = (
+        [run.tasks[one.id] for one in record.tasks.values() if not one.is_wasted]
+        if record is not None
+        else []
+    )
     return [
-        HandlerWait(task.id, task.received, Moment.END_ACHIEVING, task.time_of(Moment.END_ACHIEVING), handling)
+        HandlerWait(
+            task.id,
+            task.received,
+            Moment.END_ACHIEVING,
+            task.time_of(Moment.END_ACHIEVING),
+            handling,
+        )
         for task in sent
         if task.has_ended and task.by is handling
     ]
@@ -160,7 +185,9 @@ def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorRecord]]:
 
 
 def worked(run: Run, task: Task) -> tuple[float, float] | None:
-    """From when until when a task was handled and what is under it done; None if that never began."""
+    """From when until when a task was handled and what is under it done; None if that never
+    began.
+    """
     if not task.handlings:
         return None
     return task.handlings[0].start, min(task.time_of(Moment.END_ACHIEVING), run.time)
@@ -173,7 +200,9 @@ class Gain(NamedTuple):
     """Activities begun ahead whose states were entered, and of which they were not."""
     wrong: int
     kept: float
-    """Seconds that tasks ran ahead of states that were entered then: those that plain execution would have needed."""
+    """Seconds that tasks ran ahead of states that were entered then: those that plain execution
+    would have needed.
+    """
     wasted: float
     restored: float
     """Seconds that it took to undo what was wasted."""
@@ -182,14 +211,20 @@ class Gain(NamedTuple):
 
 
 def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
-    """The gain of each machine, with how often it ran, and why activities did not start early, how often."""
+    """The gain of each machine, with how often it ran, and why activities did not start early, how
+    often.
+    """
     machines: dict[str, list[Gain]] = {}
     late: dict[str, Counter[WhyNotEarly]] = {}
     for task, record in coordinators(run):
         machines.setdefault(record.chart.name, []).append(gain(run, task, record))
         late.setdefault(record.chart.name, Counter()).update(record.late())
-    sums = {machine: Gain._make(map(sum, zip(*some, strict=True))) for machine, some in machines.items()}
-    return [(machine, len(some), sums[machine], late[machine]) for machine, some in machines.items()]
+    sums = {
+        machine: Gain._make(map(sum, zip(*some, strict=True))) for machine, some in machines.items()
+    }
+    return [
+        (machine, len(some), sums[machine], late[machine]) for machine, some in machines.items()
+    ]
 
 
 def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:

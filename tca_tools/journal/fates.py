@@ -1,9 +1,11 @@
-"""The failures of a run, the fate of each, and whether the run went on after it. All tools ask here.
+"""The failures of a run, the fate of each, and whether the run went on after it. All tools ask
+here.
 
-A task's failure is followed through the task's states. Of a query that fails the sender is told; what he makes of it,
-the facts show: his handler ends well, or fails too, and then it depends on what became of that. A program outside of
-any handler is told, and nothing fails with it. Who had given up or ended before is not told, and nothing of his fails
-with it. Pure; each step is O(log) of what happened to one message.
+A task's failure is followed through the task's states. Of a query that fails the sender is told;
+what he makes of it, the facts show: his handler ends well, or fails too, and then it depends on
+what became of that. A program outside of any handler is told, and nothing fails with it. Who had
+given up or ended before is not told, and nothing of his fails with it. Pure; each step is O(log) of
+what happened to one message.
 """
 
 from bisect import bisect_left, bisect_right
@@ -14,7 +16,16 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.journal.records import DONE, NO_FAILURE, OVER, Failure, Handling, Message, Task, TaskState
+from tca_tools.journal.records import (
+    DONE,
+    NO_FAILURE,
+    OVER,
+    Failure,
+    Handling,
+    Message,
+    Task,
+    TaskState,
+)
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import CENTRAL, Outcome, Role
@@ -28,11 +39,15 @@ HANDLED = "failed (handled)"
 WATCHING = "watching"
 """How a monitor stands that has begun to watch, and goes on: as a task it is being achieved."""
 _MORE = {TaskState.FAILED: HANDLED, TaskState.ACHIEVING: WATCHING}
-STANDINGS = tuple(word for state in TaskState for word in ((state, _MORE[state]) if state in _MORE else (state,)))
+STANDINGS = tuple(
+    word for state in TaskState for word in ((state, _MORE[state]) if state in _MORE else (state,))
+)
 """All words for how a task stands, in the order in which they are listed."""
 
 Failing = Message | Handling
-"""Something that fails: a message; or the run of a handler of a message that central does not know."""
+"""Something that fails: a message; or the run of a handler of a message that central does not
+know.
+"""
 
 
 class Fate(StrEnum):
@@ -71,7 +86,9 @@ ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
 
 
 def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
-    """The fate of a failure at *time*, as far as the records go, or as far as it was known at a moment."""
+    """The fate of a failure at *time*, as far as the records go, or as far as it was known at a
+    moment.
+    """
     if isinstance(failed, Task):
         return _of_task(run, failed, time, known)
     if not is_told(run, failed, time):
@@ -82,7 +99,9 @@ def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
 
 
 def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
-    """Whether the run went on, or still may, after what failed at *time*; as far as that was known at a moment."""
+    """Whether the run went on, or still may, after what failed at *time*; as far as that was known
+    at a moment.
+    """
     *_, (last, when) = _passed_on(run, failed, time, known)
     if isinstance(last, Task):
         has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
@@ -91,16 +110,20 @@ def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
 
 
 def is_told(run: Run, failed: Failing, time: float) -> bool:
-    """Whether somebody is told of what is no task and failed at *time*: who asked, if he still waited for an answer."""
+    """Whether somebody is told of what is no task and failed at *time*: who asked, if he still
+    waited for an answer.
+    """
     return _has_asker(run, failed) and not _why_untold(run, failed, time)
 
 
 def coped_with(run: Run, message: Message, moment: float = inf, known: float | None = None) -> bool:
-    """Whether a message had failed at a moment, and the run had gone on after that by then, or still might; or had by
-    the moment until which things are *known*.
+    """Whether a message had failed at a moment, and the run had gone on after that by then, or
+    still might; or had by the moment until which things are *known*.
     """
     failed = message.written("failure", moment)
-    return bool(message.was("failure", moment)) and went_on(run, message, failed, moment if known is None else known)
+    return bool(message.was("failure", moment)) and went_on(
+        run, message, failed, moment if known is None else known
+    )
 
 
 def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str:
@@ -122,7 +145,9 @@ def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
 
 
 def watching(task: Task) -> Iterator[tuple[float, float]]:
-    """From when until when a monitor watched: while it was being achieved, from its beginning, or its retry, on."""
+    """From when until when a monitor watched: while it was being achieved, from its beginning, or
+    its retry, on.
+    """
     begun, spans = task.time_of(Moment.START_HANDLING), list[tuple[float, float]]()
     for stopped in (time for time, why in task.became("watched") if why):
         spans.append((begun, stopped))
@@ -140,12 +165,16 @@ def has_coped(run: Run, handling: Handling) -> bool:
 
 
 def failing(run: Run, handling: Handling) -> Failing:
-    """The message that failed with the run of its handler, or the run itself for a direct message."""
+    """The message that failed with the run of its handler, or the run itself for a direct
+    message.
+    """
     return run.messages.get(handling.message_id) or handling
 
 
 def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
-    """The tasks and handlers on which it still depends whether the run went on. Empty: that is settled."""
+    """The tasks and handlers on which it still depends whether the run went on. Empty: that is
+    settled.
+    """
     *_, (last, when) = _passed_on(run, failed, time)
     if not isinstance(last, Task):
         is_open = last.by is not None and last.by.end is None and is_told(run, last, when)
@@ -159,7 +188,9 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
 
 
 def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
-    """The task above one that failed at *time* with whose retry it was killed; as far as that was known at a moment."""
+    """The task above one that failed at *time* with whose retry it was killed; as far as that was
+    known at a moment.
+    """
     killed = task.written("killed", known)
     if task.was("killed", known) is None or killed < time:
         return None
@@ -188,12 +219,20 @@ def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     if failed.by.end is None or failed.by.end > known:
         how = "still runs"
     elif failed.by.outcome is Outcome.FAILED:
-        how = "failed then, and that was handled" if went_on(run, failed, time, known) else "failed then"
+        how = (
+            "failed then, and that was handled"
+            if went_on(run, failed, time, known)
+            else "failed then"
+        )
     return f"told to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
 
 
-def _passed_on(run: Run, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
-    """The chain of failures and their times: as far as a task, or an asker that was told and did not fail."""
+def _passed_on(
+    run: Run, failed: Failing, time: float, known: float = inf
+) -> Iterator[tuple[Failing, float]]:
+    """The chain of failures and their times: as far as a task, or an asker that was told and did
+    not fail.
+    """
     while True:
         yield failed, time
         if isinstance(failed, Task) or not is_told(run, failed, time):
@@ -201,8 +240,15 @@ def _passed_on(run: Run, failed: Failing, time: float, known: float = inf) -> It
         handling = failed.by
         if monitor := _monitor(run, failed):
             failed = monitor
-        elif handling is not None and handling.outcome is Outcome.FAILED and (handling.end or 0.0) <= known:
-            failed, time = failing(run, handling), handling.end or time  # older than what it asked, so this ends
+        elif (
+            handling is not None
+            and handling.outcome is Outcome.FAILED
+            and (handling.end or 0.0) <= known
+        ):
+            failed, time = (
+                failing(run, handling),
+                handling.end or time,
+            )  # older than what it asked, so this ends
         else:
             return
 
@@ -216,16 +262,23 @@ def _has_asker(run: Run, failed: Failing) -> bool:
 
 
 def _why_untold(run: Run, failed: Failing, time: float) -> str:
-    """Why of a query that fails at *time* nobody is told; "" if somebody is. Entries have times of their own, so what
-    happened at the same time is of the same event, in which who asks may fail with it.
+    """Why of a query that fails at *time* nobody is told; "" if somebody is. Entries have times of
+    their own, so what happened at the same time is of the same event, in which who asks may fail
+    with it.
     """
     handling = failed.by
     if isinstance(failed, Message):
         if failed.was("dropped", time):
-            return "its sender had given up" if failed.was_given_up else "nobody waited for the answer any more"
+            return (
+                "its sender had given up"
+                if failed.was_given_up
+                else "nobody waited for the answer any more"
+            )
         if failed.answered is not None and failed.answered < time:
             return "its sender had enough answers"
-        if (monitor := _monitor(run, failed)) and _stopped_watching(run, monitor, failed.received, time):
+        if (monitor := _monitor(run, failed)) and _stopped_watching(
+            run, monitor, failed.received, time
+        ):
             return f"{monitor} watched no longer"
     if handling is not None and handling.end is not None and handling.end < time:
         return f"the handler of {run.describe(handling.message_id)} that asked had ended"
@@ -233,7 +286,9 @@ def _why_untold(run: Run, failed: Failing, time: float) -> str:
 
 
 def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
-    """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it does not fail, too."""
+    """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it
+    does not fail, too.
+    """
     failed = {when for when, _ in monitor.failures}
     failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
     if time in failed:
@@ -241,34 +296,50 @@ def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> boo
     begun = {one.time for one in monitor.retries}  # anew, perhaps with that condition
     if any(asked < when <= time for when in begun):
         return True
-    ends = [when for when, why in monitor.became("watched") if why and not (when == asked and when in begun)]
+    ends = [
+        when
+        for when, why in monitor.became("watched")
+        if why and not (when == asked and when in begun)
+    ]
     return any(asked <= when <= time for when in (*ends, monitor.time_of(Moment.END_ACHIEVING)))
 
 
 def _monitor(run: Run, failed: Failing) -> Task | None:
     """The monitor whose condition it is."""
-    return run.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
+    return (
+        run.tasks.get(failed.about)
+        if isinstance(failed, Message) and failed.role is Role.CONDITION
+        else None
+    )
 
 
 def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
-    """By the first state that decides: killed, or one in which the task goes on, or has ended well. For what is killed
-    a task above it may have been begun again, or the top-level task goes on.
+    """By the first state that decides: killed, or one in which the task goes on, or has ended well.
+    For what is killed a task above it may have been begun again, or the top-level task goes on.
     """
     first, last = task.place_at(time), task.place_at(known)
-    decided = next((place for place in range(first, last + 1) if task.stage(place)[1] not in UNDECIDED), None)
+    decided = next(
+        (place for place in range(first, last + 1) if task.stage(place)[1] not in UNDECIDED), None
+    )
     if decided is None and task.stage(last)[1] is TaskState.RECOVERING:
         return Fate.OPEN
     if decided is not None and task.stage(decided)[1] is not TaskState.KILLED:
         if _was_begun_again(task, time, task.stage(decided)[0]):
             return Fate.RETRIED
-        if time not in run.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
+        if time not in run.unhandled.get(
+            task.id, ()
+        ):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
-    return Fate.RETRIED if begun_again_with(run, task, time, known) is not None else _of_killed(run, task, time, known)
+    return (
+        Fate.RETRIED
+        if begun_again_with(run, task, time, known) is not None
+        else _of_killed(run, task, time, known)
+    )
 
 
 def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
-    """Of a task that was killed: whether the top-level task went on without it. What ends that when the exception
-    handler is through was not for this failure.
+    """Of a task that was killed: whether the top-level task went on without it. What ends that when
+    the exception handler is through was not for this failure.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, known)
     if top is not task and top.state_at(known) in DONE:
@@ -282,7 +353,9 @@ def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
 
 
 def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
-    """The exception handler that was called last, until a moment, for a failure of a task at *time* or a later one."""
+    """The exception handler that was called last, until a moment, for a failure of a task at *time*
+    or a later one.
+    """
     called = run.children_until(task.caught_by, known)
     newest = next((run.tasks[one] for one in reversed(called) if one in run.tasks), None)
     return newest if newest is not None and newest.received >= time else None
@@ -295,7 +368,7 @@ def _was_begun_again(task: Task, time: float, end: float) -> bool:
     return any(when <= end for when in (*(one[0] for one in again), *(run.start for run in runs)))
 
 
-# --- all failures of a run --------------------------------------------------------------------------------------------
+# --- all failures of a run ------------------------------------------------------------------------
 
 
 class Failed(NamedTuple):
@@ -317,7 +390,9 @@ class Failed(NamedTuple):
 
 def all_failures(run: Run) -> list[Failed]:
     """Those of all messages, oldest first."""
-    return sorted((one for message in run.messages.values() for one in failures_of(run, message)), key=_TIME)
+    return sorted(
+        (one for message in run.messages.values() for one in failures_of(run, message)), key=_TIME
+    )
 
 
 def failures_of(run: Run, message: Message) -> Iterator[Failed]:

@@ -1,6 +1,8 @@
-"""Folds the facts of a journal into what was known at a moment: tasks, messages, modules and their doings.
+"""Folds the facts of a journal into what was known at a moment: tasks, messages, modules and their
+doings.
 
-Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
+Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may
+begin in the middle.
 """
 
 import gc
@@ -43,7 +45,9 @@ _LARGE = 100_000
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
+    """A fold only adds: Python would look through all of it for garbage, again and again, and take
+    twice the time.
+    """
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -74,7 +78,9 @@ class History(RecordFold):
             for entry in entries:
                 if time is not None and entry.time > time:
                     history.until_time = time
-                    history.time = max(history.time, time)  # of several entries at that time the last is a bit later
+                    history.time = max(
+                        history.time, time
+                    )  # of several entries at that time the last is a bit later
                     break
                 history.apply(entry)
             if len(history.times) > _LARGE:
@@ -82,8 +88,8 @@ class History(RecordFold):
         return history
 
     def go_on(self, present: float | None, time: float | None = None) -> None:
-        """Nothing more has happened until the *present* on the run's clock (None: the run is over); what goes on does
-        so until then, or until *time* if that comes first.
+        """Nothing more has happened until the *present* on the run's clock (None: the run is over);
+        what goes on does so until then, or until *time* if that comes first.
         """
         if present is None or self.until_time is not None:
             return
@@ -107,17 +113,23 @@ class History(RecordFold):
         self._touched.clear()
 
     def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
-        """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
-        if self.numbers and entry.number == self.numbers[-1]:  # an event of so many facts takes several records
+        """Each entry has a time of its own, however fast they follow each other: a time is a place
+        in the journal.
+        """
+        if (
+            self.numbers and entry.number == self.numbers[-1]
+        ):  # an event of so many facts takes several records
             self.memo.clear()
             return
-        self.time = entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
+        self.time = (
+            entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
+        )
         self.times.append(self.time)
         self.clock.append(entry.time)
         self.numbers.append(entry.number)
         self.asked_by.append(asker)
 
-    # --- changes by each fact ------------------------------------------------------------------------------------
+    # --- changes by each fact ---------------------------------------------------------------------
 
     def _opened(self, fact: facts.Opened) -> None:
         if self.began is None:
@@ -145,7 +157,9 @@ class History(RecordFold):
         module.resources[fact.resource] = fact.capacity
         module.sizes.setdefault(fact.resource, []).append((self.time, fact.capacity))
         self.news.append(module)
-        module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
+        module.capacities[fact.resource] = max(
+            fact.capacity, module.capacities.get(fact.resource, 0)
+        )
 
     def _format(self, fact: facts.FormatDefined) -> None:
         self.formats.setdefault(fact.message, fact)
@@ -171,7 +185,9 @@ class History(RecordFold):
         name, sender = intern(fact.message), intern(fact.sender)
         known = fact.id, name, fact.message_class, sender, fact.origin, self.time, fact.body
         by = self._deliveries.get(fact.origin)
-        by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
+        by = (
+            by if by is not None and by.message_id < fact.id else None
+        )  # whoever sends is older than what he sends
         if fact.message_class.is_task:
             self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
             self._constrain(fact.constraints)
@@ -235,7 +251,9 @@ class History(RecordFold):
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
         message = self.messages.get(fact.message_id)
-        number, name = (message.id, message.name) if message else (fact.message_id, self.name(fact.message_id))
+        number, name = (
+            (message.id, message.name) if message else (fact.message_id, self.name(fact.message_id))
+        )
         handling = Handling(
             number,
             name,
@@ -259,7 +277,9 @@ class History(RecordFold):
                 self._work_on(message, handling)
 
     def _start_of(self, given: facts.Delivered, runs: list[Handling]) -> float:
-        """When a handler began: perhaps before central was told of it, but not before what was there before it."""
+        """When a handler began: perhaps before central was told of it, but not before what was
+        there before it.
+        """
         if not given.began:
             return self.time
         before = [given.began, *(run.until for run in runs[-1:] if run.end is not None)]
@@ -273,7 +293,9 @@ class History(RecordFold):
             is_late = task is not None and task.killed is not None and fact.outcome is Outcome.DONE
             handling.outcome = Outcome.KILLED if is_late else fact.outcome
             if message := self.messages.get(handling.message_id):
-                self._change(message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body)
+                self._change(
+                    message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body
+                )
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
         end = min(max(0.0, fact.ended), self.time)  # before central was told of it
@@ -286,13 +308,19 @@ class History(RecordFold):
         self._module(fact.module).resources.setdefault(fact.resource, 1)
 
     def _run_of(self, delivery: int, module: str) -> Handling | None:
-        """The run of a module's handler that a delivery stood for: it may be over when central is told of that."""
+        """The run of a module's handler that a delivery stood for: it may be over when central is
+        told of that.
+        """
         message = self.delivered(delivery)
         runs = reversed(message.handlings) if message else ()
-        return next((run for run in runs if run.delivery == delivery and run.module == module), None)
+        return next(
+            (run for run in runs if run.delivery == delivery and run.module == module), None
+        )
 
     def _finish(self, delivery: int, ended: float = 0) -> Handling | None:
-        """The handler of a delivery no longer has it; *ended* is when it returned, if that was earlier."""
+        """The handler of a delivery no longer has it; *ended* is when it returned, if that was
+        earlier.
+        """
         if handling := self._deliveries.pop(delivery, None):
             self._running.get((handling.module, handling.resource), {}).pop(delivery, None)
             self._end(handling, ended)
@@ -319,12 +347,16 @@ class History(RecordFold):
     def _fail(self, fact: facts.Failed) -> None:
         if not fact.is_beside:
             self._unqueue(fact.id)
-        lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
+        lost = (
+            None if fact.is_beside else self._finish(fact.id)
+        )  # of a module that was lost no handler returns
         if lost:
             lost.outcome, lost.is_lost = Outcome.FAILED, True
         failure = Failure(fact.failure, fact.text)
         if fact.is_beside:
-            self.raised.setdefault(fact.id, []).append(Raised(self.time, failure, fact.by, self.asker))
+            self.raised.setdefault(fact.id, []).append(
+                Raised(self.time, failure, fact.by, self.asker)
+            )
         if message := self.messages.get(lost.message_id if lost else fact.id):
             before = message.failure, message.failure_data
             self._change(message, "failure", failure)
@@ -332,7 +364,9 @@ class History(RecordFold):
             if fact.body:
                 self._change(message, "failure_data", fact.body)
             if not fact.is_beside and isinstance(message, Task) and message.is_retried:
-                self._forget_outcome(message)  # but for what was raised on it since it is to be retried
+                self._forget_outcome(
+                    message
+                )  # but for what was raised on it since it is to be retried
                 self._change(message, "failure", before[0])
                 self._change(message, "failure_data", before[1])
 
@@ -347,13 +381,21 @@ class History(RecordFold):
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
-        if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
+        if (
+            fact.id not in self.messages
+        ):  # a copy, for a listener that left; who gave up a message may still handle it
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         number, is_copy = fact.copy_of or fact.id, fact.copy_of > 0
-        self.drops.append(Drop(self.time, fact.message, 1, fact.why, number, is_copy, fact.dropping))
+        self.drops.append(
+            Drop(self.time, fact.message, 1, fact.why, number, is_copy, fact.dropping)
+        )
         if message := self.messages.get(fact.id):
-            circle = self.deadlocks.get((self.time, message.sender), "") if fact.dropping is Dropping.DEADLOCK else ""
+            circle = (
+                self.deadlocks.get((self.time, message.sender), "")
+                if fact.dropping is Dropping.DEADLOCK
+                else ""
+            )
             self._change(message, "dropped", circle or fact.why)
             message.dropping = fact.dropping
 
@@ -392,11 +434,21 @@ class History(RecordFold):
             self._task_waits[fact.key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
+        known = (
+            fact.id,
+            fact.module,
+            fact.resource,
+            fact.is_reserved,
+            fact.sender,
+            fact.origin,
+            self.time,
+        )
         claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
         self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
         self.news.append(claim)
-        self._claim_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), fact.sender, fact.origin)
+        self._claim_waits[fact.id] = self._wait(
+            HandlerWait(fact.id, self.time), fact.sender, fact.origin
+        )
 
     def _granted(self, fact: facts.Granted) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
@@ -412,7 +464,9 @@ class History(RecordFold):
             self.news.append(claim)
 
     def _wait(self, wait: HandlerWait, module: str, origin: int) -> HandlerWait:
-        """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
+        """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside
+        of any.
+        """
         handling = self._deliveries.get(origin)
         at = handling or self._module(module)
         at.waits = added(at.waits, wait)
@@ -438,10 +492,14 @@ def _is_of_root(fact: facts.Fact) -> bool:
     return isinstance(fact, MonitorFact) and fact.monitor <= ROOT
 
 
-def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:
-    """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the run goes on).
+def folded(
+    journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None
+) -> History:
+    """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the
+    run goes on).
 
-    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog if there are none.
+    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog
+    if there are none.
     """
     history = History.until(journal if entries is None else entries, time)
     history.go_on(journal.present(history.time), time)

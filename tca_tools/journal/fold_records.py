@@ -1,6 +1,8 @@
-"""How the records of a run are made and written over, so that it stays known from when on what was so. Pure.
+"""How the records of a run are made and written over, so that it stays known from when on what was
+so. Pure.
 
-Also the fold of failures, wiretaps, monitors, suspensions and deadlines; fold.py has that of all other facts.
+Also the fold of failures, wiretaps, monitors, suspensions and deadlines; fold.py has that of all
+other facts.
 """
 
 from collections.abc import Iterator
@@ -41,7 +43,9 @@ class RecordFold(Run):
     def __init__(self) -> None:
         super().__init__()
         self.news: list[Task | Handling | Queueing | HandlerWait | Claim | ModuleRecord] = []
-        """The records that the newest entry changed; a task only if its state changed, or it got a constraint."""
+        """The records that the newest entry changed; a task only if its state changed, or it got a
+        constraint.
+        """
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
         self._ever_suspended: set[TaskId] = set()
@@ -53,8 +57,8 @@ class RecordFold(Run):
         self._called_for: dict[int, tuple[int, Failure]] = {}
         """By exception handler, the task that had failed, and how."""
         self._seen_to: dict[int, Failure] = {}
-        """By task, the failure whose handler could not decide: the search for the next one goes on, whatever else has
-        been raised on the task meanwhile.
+        """By task, the failure whose handler could not decide: the search for the next one goes on,
+        whatever else has been raised on the task meanwhile.
         """
 
     def _module(self, name: str) -> ModuleRecord:
@@ -63,7 +67,9 @@ class RecordFold(Run):
         return self.modules[name]
 
     def _task(self, task: TaskId) -> Task:
-        """A task that something happens to; one sent before the journal begins gets a record under the root."""
+        """A task that something happens to; one sent before the journal begins gets a record under
+        the root.
+        """
         if task not in self.tasks:
             self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
         found = self._touched[task] = self.tasks[task]
@@ -80,15 +86,19 @@ class RecordFold(Run):
         self.news.append(task)
 
     def _begin_anew(self, message: Message) -> None:
-        """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
-        since it survives what is above it, keeps that failure.
+        """It is about to be handled. A task that goes on, since its failure was dealt with or,
+        where nobody handled it, since it survives what is above it, keeps that failure.
         """
-        goes_on = isinstance(message, Task) and (message.is_recovering or message.is_dealt_with or message.is_unhandled)
+        goes_on = isinstance(message, Task) and (
+            message.is_recovering or message.is_dealt_with or message.is_unhandled
+        )
         if not goes_on:
             self._forget_outcome(message)
 
     def _forget_outcome(self, message: Message) -> None:
-        """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
+        """It is handled anew: what came of that before is void. A message to many keeps what the
+        others answered.
+        """
         if not message.changes:  # as most: nothing came of it
             return
         self._change(message, "failure", NO_FAILURE)
@@ -127,7 +137,9 @@ class RecordFold(Run):
         is_born_so = top.received == self.time and top.time_of(START_HANDLING) == inf
         for task in self._living(top):
             if not task.suspension:
-                here = Suspension(TaskId(task.id), cause, self.time, still, by=by, since_birth=is_born_so)
+                here = Suspension(
+                    TaskId(task.id), cause, self.time, still, by=by, since_birth=is_born_so
+                )
                 task.suspensions = added(task.suspensions, here)
                 self._touch(task.id)
             if task.handling and not above:
@@ -151,9 +163,11 @@ class RecordFold(Run):
         below = [top]
         for task in below:  # grows while it is walked
             yield task
-            below += [self.tasks[child] for child in task.children if not self.tasks[child].has_ended]
+            below += [
+                self.tasks[child] for child in task.children if not self.tasks[child].has_ended
+            ]
 
-    # --- facts of what reacts to others: each method takes all of one type ---------------------------------------
+    # --- facts of what reacts to others: each method takes all of one type ------------------------
 
     def _caught(self, fact: facts.Caught) -> None:
         calls = self._called.setdefault(fact.at, {})
@@ -188,7 +202,9 @@ class RecordFold(Run):
         task.is_recovering, task.is_dealt_with = self._is_undecided(task), True
 
     def _end_recovery(self, handler: Task) -> None:
-        """An exception handler has ended, perhaps of a task that is retried: then it has dealt with nothing."""
+        """An exception handler has ended, perhaps of a task that is retried: then it has dealt with
+        nothing.
+        """
         if handler.id in self._called_for:
             task = self._task(TaskId(self._called_for[handler.id][0]))
             if task.is_recovering and not self._is_undecided(task):
@@ -204,7 +220,9 @@ class RecordFold(Run):
         self._forget_outcome(task)
         is_other = fact.body not in (b"", task.body)
         runs, sent = len(task.handlings), len(task.children)
-        task.retries = added(task.retries, Retry(self.time, fact.by, is_other, runs, sent, self.asker))
+        task.retries = added(
+            task.retries, Retry(self.time, fact.by, is_other, runs, sent, self.asker)
+        )
         self._change(task, "body", fact.body or task.body)
         self._change(task, "watched", "")
 
@@ -220,7 +238,15 @@ class RecordFold(Run):
         task = self._task(fact.task)
         effect = effect_of(self, task, fact.transition, fact.state)
         change = LifeChange(
-            self.time, fact.transition, fact.state, fact.serial, fact.by, fact.module, fact.text, fact.body, effect
+            self.time,
+            fact.transition,
+            fact.state,
+            fact.serial,
+            fact.by,
+            fact.module,
+            fact.text,
+            fact.body,
+            effect,
         )
         task.life = added(task.life, change)
         self.news.append(task)
@@ -243,7 +269,9 @@ class RecordFold(Run):
 
     def _watched(self, fact: facts.MonitorEnded) -> None:
         self._change(self._task(fact.monitor), "watched", fact.why)
-        self.news.append(self._task(fact.monitor))  # also where its state stays, since what it did goes on
+        self.news.append(
+            self._task(fact.monitor)
+        )  # also where its state stays, since what it did goes on
 
     def _timed_out(self, fact: facts.TimedOut) -> None:
         if (held := self.tasks.get(fact.constraint.after.task)) is not None:
@@ -264,21 +292,31 @@ class RecordFold(Run):
         self._could_not_decide(fact.handler)
 
     def _exhaust(self, task: TaskId) -> None:
-        """Note which exception handlers of a task, or above it, had been called as often as they may."""
+        """Note which exception handlers of a task, or above it, had been called as often as they
+        may.
+        """
         failure, at, above = self._task(task).failure.name, task, [task]
         while at != ROOT:
             above.append(at := self.tasks[at].parent)
         for attachment, calls in (one for at in above for one in self._called.get(at, {}).items()):
             known = self.attached.get(attachment)
             if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure):
-                self.exhausted.setdefault(task, []).append(Exhausted(self.time, known.handler, calls))
+                self.exhausted.setdefault(task, []).append(
+                    Exhausted(self.time, known.handler, calls)
+                )
 
     def _tap_added(self, fact: facts.TapAdded) -> None:
         self.taps[fact.id] = fact
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
-        """Hold a task for a listener that must end first, as a constraint does; also where it is handled once more."""
-        tap, tapped, listener = self.taps.get(fact.tap), self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
+        """Hold a task for a listener that must end first, as a constraint does; also where it is
+        handled once more.
+        """
+        tap, tapped, listener = (
+            self.taps.get(fact.tap),
+            self.tasks.get(fact.tapped),
+            self.tasks.get(fact.listener),
+        )
         if tap is None or tapped is None or listener is None:
             return
         rule = CONDITIONS[tap.condition]

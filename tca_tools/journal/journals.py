@@ -1,4 +1,6 @@
-"""Finds, opens and reads the journals of runs. Knows files; knows nothing of what the facts mean."""
+"""Finds, opens and reads the journals of runs. Knows files; knows nothing of what the facts
+mean.
+"""
 
 import fcntl
 import os
@@ -29,23 +31,28 @@ _SINCE = "what seems to go on since then may have ended"
 
 
 def newest_journal() -> Path:
-    """The journal of the last run; where ``$TCA_CENTRAL`` names a central, of that one's. Raises UnusableLog if there
-    is none.
+    """The journal of the last run; where ``$TCA_CENTRAL`` names a central, of that one's. Raises
+    UnusableLog if there is none.
     """
     if address := os.environ.get(VARIABLE):
         if (link := journal_link(address)).is_dir() and segments_in(link):
             return link.resolve()
-        msg = f"no journal of the central at {address} (${VARIABLE}) on this computer: name one as LOG, or start 'tca \
+        msg = (
+            f"no journal of the central at {address} (${VARIABLE}) on this computer: name one as LOG, or start 'tca \
 central' there first"
+        )
         raise UnusableLog(msg)
     if newest := next(run_folders(), None):
         return newest.resolve()  # a link goes when central is started anew there
-    raise UnusableLog(f"no journal below {default_journals()}: name one as LOG, or start 'tca central' first")
+    raise UnusableLog(
+        f"no journal below {default_journals()}: name one as LOG, or start 'tca central' first"
+    )
 
 
 def open_log(path: Path | None, epoch: str | None = None) -> "Log":
-    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch or, as in "FOLDER#2",
-    of a number (the oldest is 1), else the one that began last. Raises UnusableLog if there is none to read.
+    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch or,
+    as in "FOLDER#2", of a number (the oldest is 1), else the one that began last. Raises
+    UnusableLog if there is none to read.
     """
     path = path or newest_journal()
     try:
@@ -67,7 +74,9 @@ def _run_in(path: Path) -> tuple[Path, str] | None:
     found = wanted if wanted in epochs else by_number.get(wanted)
     if found is None:
         there = f"of the {len(epochs)} there" if len(epochs) > 1 else "there"
-        raise UnusableLog(f"{folder}: no run '{wanted}' {there}: 'tca log runs {folder}' lists them")
+        raise UnusableLog(
+            f"{folder}: no run '{wanted}' {there}: 'tca log runs {folder}' lists them"
+        )
     return folder, found
 
 
@@ -78,16 +87,22 @@ def called(journal: Path) -> str:
 
 
 def runs_in(folder: Path) -> Iterator[tuple[str, Opened, "Log"]]:
-    """The runs that lie in a folder, oldest first, each with how it is named as LOG, and how it begins. Raises
-    UnusableLog if it can't be read.
+    """The runs that lie in a folder, oldest first, each with how it is named as LOG, and how it
+    begins. Raises UnusableLog if it can't be read.
     """
     epochs = Folder(folder).epochs()
     for number, opened in enumerate(epochs, 1):
-        yield f"{folder}#{number}" if len(epochs) > 1 else str(folder), opened, Log(folder, opened.epoch)
+        yield (
+            f"{folder}#{number}" if len(epochs) > 1 else str(folder),
+            opened,
+            Log(folder, opened.epoch),
+        )
 
 
 def run_folders() -> Iterator[Path]:
-    """The folders in central's folder of journals in which runs lie, the one that began last first."""
+    """The folders in central's folder of journals in which runs lie, the one that began last
+    first.
+    """
     folder = default_journals()
     for path in reversed(by_number(listed(folder) if folder.is_dir() else [])):
         if path.is_dir() and segments_in(path):
@@ -95,7 +110,9 @@ def run_folders() -> Iterator[Path]:
 
 
 class Losses:
-    """The losses, counted: damaged entries, facts that this version does not know, the ends of segments."""
+    """The losses, counted: damaged entries, facts that this version does not know, the ends of
+    segments.
+    """
 
     def __init__(self) -> None:
         self.entries = 0
@@ -110,23 +127,27 @@ class Losses:
         self._later = ""
         """The first segment of a later version, and which."""
 
-    def note(self, reader: JournalReader, segment: Path, holes: int, unknown: int, time: float) -> None:
-        """A reader has passed over more than so many *holes* and *unknown* facts, behind what was written at *time*."""
+    def note(
+        self, reader: JournalReader, segment: Path, holes: int, unknown: int, time: float
+    ) -> None:
+        """A reader has passed over more than so many *holes* and *unknown* facts, behind what was
+        written at *time*.
+        """
         if new := reader.holes[holes:]:
             self.entries += len(new)
             self._is_counted = self._is_counted and reader.is_counted
             self._first_entry = self._first_entry or f"{segment}, byte {new[0]}, after {time:.3f} s"
         if reader.unknown > unknown:
             self.facts += reader.unknown - unknown
-            self._first_fact = self._first_fact or f"{segment}, byte {reader.offset}, after {time:.3f} s"
+            self._first_fact = (
+                self._first_fact or f"{segment}, byte {reader.offset}, after {time:.3f} s"
+            )
 
     def note_version(self, reader: JournalReader, segment: Path) -> None:
         """A segment begins."""
         if reader.version > JOURNAL_VERSION and not self._later:
             which = f"{reader.version}; this one reads up to {JOURNAL_VERSION}"
-            self._later = (
-                f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
-            )
+            self._later = f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
 
     @property
     def places(self) -> int:
@@ -143,15 +164,22 @@ class Losses:
         found = [
             self._later,
             _left_out(self._first_entry, self.entries, entry, entries),
-            _left_out(self._first_fact, self.facts, f"a fact {unknown}", f"{self.facts} facts {unknown}"),
+            _left_out(
+                self._first_fact, self.facts, f"a fact {unknown}", f"{self.facts} facts {unknown}"
+            ),
         ]
-        return [*filter(None, found), *(f"{end}; what comes behind it in that file is left out" for end in self.ends)]
+        return [
+            *filter(None, found),
+            *(f"{end}; what comes behind it in that file is left out" for end in self.ends),
+        ]
 
 
 def _left_out(first: str, number: int, one: str, several: str) -> str:
     if not number:
         return ""
-    what = f"{one} is left out" if number == 1 else f"{several} are left out, the first of them here"
+    what = (
+        f"{one} is left out" if number == 1 else f"{several} are left out, the first of them here"
+    )
     return f"{first}: {what}: {_SINCE}"
 
 
@@ -163,11 +191,11 @@ class EntryPlace(NamedTuple):
 
 
 class Log:
-    """One journal: a directory of segments, or one segment. Of a directory with segments of several runs it is the run
-    that began last; of a file in which one run follows another, the first.
+    """One journal: a directory of segments, or one segment. Of a directory with segments of several
+    runs it is the run that began last; of a file in which one run follows another, the first.
 
-    Iterating passes over what is damaged or not known to this version and ends quietly where nothing more can be read,
-    so that what is good can be shown; ``check`` then tells of it.
+    Iterating passes over what is damaged or not known to this version and ends quietly where
+    nothing more can be read, so that what is good can be shown; ``check`` then tells of it.
     """
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:
@@ -188,7 +216,9 @@ class Log:
         self._folder = Folder(path, epoch) if path.is_dir() else None
         self.epoch = epoch
         """Which run of the folder was asked for (None: the newest there)."""
-        self._number = f"#{self._folder.number_of(epoch)}" if self._folder is not None and epoch else ""
+        self._number = (
+            f"#{self._folder.number_of(epoch)}" if self._folder is not None and epoch else ""
+        )
         self._said: set[str] = set()
         self._opened: Opened | None = None
         self._shortened = ""
@@ -203,7 +233,9 @@ class Log:
 
     @property
     def run(self) -> str | None:
-        """The epoch of the run that is read of a folder; None while it is not known, and of a file."""
+        """The epoch of the run that is read of a folder; None while it is not known, and of a
+        file.
+        """
         return self._folder.epoch if self._folder is not None else None
 
     def segments(self) -> list[Path]:
@@ -220,10 +252,16 @@ class Log:
                 self._note_end(segment, reader)
         self._check_entries()
         if not self._has_entries:
-            raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: {_WAITING}")
+            raise UnusableLog(
+                f"{self.path}: empty, central has written nothing to it yet: {_WAITING}"
+            )
 
-    def follow(self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)) -> Iterator[Entry]:
-        """The entries there are and those that come, calling *wait* before looking again; ends only at damage."""
+    def follow(
+        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
+    ) -> Iterator[Entry]:
+        """The entries there are and those that come, calling *wait* before looking again; ends only
+        at damage.
+        """
         return (entry for entry, _ in self.follow_places(wait))
 
     def follow_places(
@@ -281,10 +319,11 @@ class Log:
         return False
 
     def present(self, last: float) -> float | None:
-        """The present on the run's clock, if its last entry was at *last* and more may come; None if it is over.
+        """The present on the run's clock, if its last entry was at *last* and more may come; None
+        if it is over.
 
-        It is reckoned from when the journal was last written to: a wall clock that was set since the run began, as on
-        a robot that learns the time late, does little harm.
+        It is reckoned from when the journal was last written to: a wall clock that was set since
+        the run began, as on a robot that learns the time late, does little harm.
         """
         if self._damage or not self.is_being_written:
             return None
@@ -292,7 +331,9 @@ class Log:
             silence = time.time() - self.segments()[-1].stat().st_mtime
         except (OSError, IndexError, UnusableLog):
             return None
-        return last + min(max(silence, 0.0), time.monotonic())  # its central has run since the machine was started
+        return last + min(
+            max(silence, 0.0), time.monotonic()
+        )  # its central has run since the machine was started
 
     @property
     def cut(self) -> str:
@@ -304,7 +345,9 @@ class Log:
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks, a line each: other runs or missing segments in the folder, losses, and what follows in a file."""
+        """Remarks, a line each: other runs or missing segments in the folder, losses, and what
+        follows in a file.
+        """
         also = filter(None, [self._shortened, self._followed_by])
         return [*self._of_folder(), *self.losses.lines, *also]
 
@@ -313,16 +356,18 @@ class Log:
         return [] if folder is None else [*folder.others, *(folder.missing if of_missing else ())]
 
     def tell(self, *, of_missing: bool = True) -> None:
-        """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
-        too); nothing is said twice.
+        """Say on the standard error what there is to say of the folder (*of_missing*: of segments
+        that are missing, too); nothing is said twice.
         """
         for remark in self._of_folder(of_missing=of_missing):
             self._say(remark)
 
     def check(self, *, of_missing: bool = True) -> None:
-        """Raise DamagedLog if reading stopped early, with the one line that says where and why; ``tell`` the rest.
+        """Raise DamagedLog if reading stopped early, with the one line that says where and why;
+        ``tell`` the rest.
 
-        Of a journal that is cut only the end is missing, as after a power cut: a line on the standard error says so.
+        Of a journal that is cut only the end is missing, as after a power cut: a line on the
+        standard error says so.
         """
         self.tell(of_missing=of_missing)
         for remark in filter(None, [self._shortened, self._followed_by]):
@@ -341,12 +386,16 @@ class Log:
             self._said.add(line)
             click.echo(f"tca: {printable(line)}", err=True)
 
-    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, EntryPlace]]:
+    def _follow_segment(
+        self, segment: Path, wait: Callable[[], object]
+    ) -> Iterator[tuple[Entry, EntryPlace]]:
         self.segment = segment
         with self._excused(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:
-                is_last = self.segments()[-1:] == [segment]  # asked first: after that nothing is added to it
+                is_last = self.segments()[-1:] == [
+                    segment
+                ]  # asked first: after that nothing is added to it
                 for entry in self._counted(reader, segment):
                     yield entry, EntryPlace(segment, reader.offset)
                 self._note_end(segment, reader)
@@ -356,13 +405,17 @@ class Log:
                 wait()
 
     def _check_is_whole(self, segment: Path, reader: JournalReader) -> None:
-        """Raise JournalDamaged if a segment that is followed is gone, or has lost something that was read."""
+        """Raise JournalDamaged if a segment that is followed is gone, or has lost something that
+        was read.
+        """
         if not segment.exists():
             self.lost = EntryPlace(segment, 0)  # another one may come in its place
             raise JournalDamaged(f"{segment}: has been removed")
         if reader.torn < 0:
             self.lost = EntryPlace(segment, reader.offset)
-            raise JournalDamaged(f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes")
+            raise JournalDamaged(
+                f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes"
+            )
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:
         torn = (segment, reader.offset, reader.torn) if reader.torn else None
@@ -379,11 +432,17 @@ class Log:
                     holes, unknown = len(reader.holes), reader.unknown
                 self._time = entry.time
                 facts = entry.facts
-                if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
+                if (
+                    facts
+                    and type(facts[0]) is Opened
+                    and self._is_another(facts[0], reader, segment)
+                ):
                     return
                 if facts[1:] and type(facts[1]) is Shortened:
                     until = f"{facts[1].until:.0f} s"
-                    self._shortened = f"{self.path}: what had ended by {until} was removed ('tca log prune')"
+                    self._shortened = (
+                        f"{self.path}: what had ended by {until} was removed ('tca log prune')"
+                    )
                 if not self._has_entries or not reader.offset:
                     self._has_entries = True
                     self.losses.note_version(reader, segment)
@@ -392,12 +451,18 @@ class Log:
             self.losses.note(reader, segment, holes, unknown, self._time)
 
     def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
-        """Whether, in the midst of a file, something begins that does not go on with what comes before it."""
+        """Whether, in the midst of a file, something begins that does not go on with what comes
+        before it.
+        """
         last = self._opened if reader.offset else None
         if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
             self._opened = opened
             return False
-        what = "another run" if opened.epoch != last.epoch else f"segment {opened.segment} of this run, once more,"
+        what = (
+            "another run"
+            if opened.epoch != last.epoch
+            else f"segment {opened.segment} of this run, once more,"
+        )
         self._followed_by = (
             f"{segment}, byte {reader.offset}: {what} begins here; only what comes before it is shown: to see the rest,"
             f" take it out of the file ('tail -c +{reader.offset + 1}')"
@@ -432,7 +497,9 @@ def is_closed(segment: Path) -> bool:
     """Whether a segment ends with central's goodbye."""
     try:
         with segment.open("rb") as stream:
-            last = deque(JournalReader(stream, offset=max(segment.stat().st_size - _LAST_BYTES, 0)), 1)
+            last = deque(
+                JournalReader(stream, offset=max(segment.stat().st_size - _LAST_BYTES, 0)), 1
+            )
     except (OSError, JournalDamaged):
         return False
     return any(type(fact) is Closed for entry in last for fact in entry.facts)
@@ -463,7 +530,11 @@ def _checked(path: Path) -> Path:
                 f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run{one}"
             )
     elif not path.exists():
-        raise UnusableLog(f"{path}: there is no such file or directory: name a journal directory or a segment")
+        raise UnusableLog(
+            f"{path}: there is no such file or directory: name a journal directory or a segment"
+        )
     elif not path.is_file():
-        raise UnusableLog(f"{path}: neither a file nor a directory: name a journal directory or a segment")
+        raise UnusableLog(
+            f"{path}: neither a file nor a directory: name a journal directory or a segment"
+        )
     return path

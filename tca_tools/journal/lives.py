@@ -1,7 +1,8 @@
-"""The life of a task as its clients, its server and observers see it, after its table of states. Pure.
+"""The life of a task as its clients, its server and observers see it, after its table of states.
+Pure.
 
-The journal tells of a transition only where no other fact does: a handler gets a task and thereby accepts it, a task
-begins anew, a task ends.
+The journal tells of a transition only where no other fact does: a handler gets a task and thereby
+accepts it, a task begins anew, a task ends.
 """
 
 from bisect import bisect_right
@@ -37,7 +38,9 @@ def _read(text: str) -> LifeCycle:
 def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
     """What a transition to a state does beside that."""
     rows = [one for one in cycle_of(run, task).transitions if one.name == transition]
-    return next((one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE)
+    return next(
+        (one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE
+    )
 
 
 class Life(NamedTuple):
@@ -51,7 +54,9 @@ class Life(NamedTuple):
     asked: bytes
     """The goal that a client asked for last, if that was not decided."""
     is_telling: bool = False
-    """Whether it is a state in which not every task is: neither the first one, nor running, nor an end."""
+    """Whether it is a state in which not every task is: neither the first one, nor running, nor an
+    end.
+    """
 
 
 def life_at(run: Run, task: Task, moment: float = inf) -> Life:
@@ -61,15 +66,29 @@ def life_at(run: Run, task: Task, moment: float = inf) -> Life:
     if told:
         state, serial, since = told[-1].state, told[-1].serial, (told[-1].time, _IS_TOLD)
     until = min(moment, run.time)
-    for time, step in sorted(one for one in _implied_steps(run, task) if one > since and one[0] <= until):
+    for time, step in sorted(
+        one for one in _implied_steps(run, task) if one > since and one[0] <= until
+    ):
         following = _after(cycle, task, state, step, time)
         state, serial = following, serial + (following != state)
     newest = next((one for one in reversed(told) if one.effect is Effect.RESULT), None)
-    is_old = newest is None or any(newest.time < again.start <= moment for again in task.handlings[1:])
+    is_old = newest is None or any(
+        newest.time < again.start <= moment for again in task.handlings[1:]
+    )
     is_open = cycle.grant(state) is not None
-    asked = (one.body for one in reversed(told) if one.effect is Effect.NEW_GOAL) if is_open else iter(())
+    asked = (
+        (one.body for one in reversed(told) if one.effect is Effect.NEW_GOAL)
+        if is_open
+        else iter(())
+    )
     usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled
-    return Life(state, serial, b"" if is_old or not newest else newest.body, next(asked, b""), state not in usual)
+    return Life(
+        state,
+        serial,
+        b"" if is_old or not newest else newest.body,
+        next(asked, b""),
+        state not in usual,
+    )
 
 
 _IS_TOLD, _BEGINS_ANEW, _BEGINS, _ENDS = range(4)
@@ -89,10 +108,14 @@ def _implied_steps(run: Run, task: Task) -> Iterator[tuple[float, int]]:
         offer = going_on(offers, handling.start)
         if offer is None or not offer.accepts:
             yield handling.start, _BEGINS
-    if task.message_class.is_monitor:  # it watches without a handler, and begins anew soon after a retry
+    if (
+        task.message_class.is_monitor
+    ):  # it watches without a handler, and begins anew soon after a retry
         begun = task.time_of(Moment.START_HANDLING)
         again = [
-            retry.time if retry.asker is None else retry.asker.until for retry in task.retries if retry.time > begun
+            retry.time if retry.asker is None else retry.asker.until
+            for retry in task.retries
+            if retry.time > begun
         ]
         yield from ((time, _BEGINS_ANEW) for time in again)
         yield from ((time, _BEGINS) for time in (begun, *again) if task.was("killed", time) is None)

@@ -1,4 +1,6 @@
-"""What became of a run: how long it lasted, and how its top-level tasks ended. Pure; keeps nothing of other tasks."""
+"""What became of a run: how long it lasted, and how its top-level tasks ended. Pure; keeps nothing
+of other tasks.
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -29,7 +31,9 @@ class RunOutcome:
 
     @property
     def top(self) -> Counter[TaskState]:
-        """How many top-level tasks ended in which state; those that have not ended are "achieving"."""
+        """How many top-level tasks ended in which state; those that have not ended are
+        "achieving".
+        """
         return Counter(self._states.values())
 
     def _received(self, fact: facts.Received) -> None:
@@ -45,7 +49,9 @@ class RunOutcome:
 
     def _was_killed(self, fact: facts.Killed) -> None:
         if fact.task in self._states:
-            self._ends[fact.task] = TaskState.FAILED if fact.failed == fact.task else TaskState.KILLED
+            self._ends[fact.task] = (
+                TaskState.FAILED if fact.failed == fact.task else TaskState.KILLED
+            )
             self.why = self.why or kill_reason(fact.why, fact.by)
 
     def _recovered(self, fact: facts.Recovered) -> None:

@@ -1,4 +1,6 @@
-"""Fields of a record that are written over: what each was at a moment stays known, in O(log) of its changes. Pure."""
+"""Fields of a record that are written over: what each was at a moment stays known, in O(log) of its
+changes. Pure.
+"""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -8,7 +10,9 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 Changes = Sequence[tuple[float, str, Any]] | dict[str, list[tuple[float, Any]]]
-"""Old values, each with when it was written over: a few with the names of their fields, many by field."""
+"""Old values, each with when it was written over: a few with the names of their fields, many by
+field.
+"""
 _FEW = 8
 _TIME = itemgetter(0)
 
@@ -29,7 +33,9 @@ class Overwritten:
             if len(self.changes) < _FEW:
                 self.changes = (*self.changes, (time, name, old))  # type: ignore[misc]  # its class has the slot
                 return
-            self.changes = {field_name: self.overwritten(field_name) for _, field_name, _ in self.changes}  # type: ignore[misc]
+            self.changes = {
+                field_name: self.overwritten(field_name) for _, field_name, _ in self.changes
+            }  # type: ignore[misc]
         self.changes.setdefault(name, []).append((time, old))
 
     def overwritten(self, name: str) -> list[tuple[float, Any]]:
@@ -52,4 +58,9 @@ class Overwritten:
 
     def became(self, name: str) -> list[tuple[float, Any]]:
         """The values written over one of its fields, and when, oldest first."""
-        return [(time, new) for (time, _), (_, new) in pairwise([*self.overwritten(name), (0.0, getattr(self, name))])]
+        return [
+            (time, new)
+            for (time, _), (_, new) in pairwise(
+                [*self.overwritten(name), (0.0, getattr(self, name))]
+            )
+        ]

@@ -1,7 +1,9 @@
-"""The records of a run: messages, tasks, and the work of each handler. Plain data; the fold fills them.
+"""The records of a run: messages, tasks, and the work of each handler. Plain data; the fold fills
+them.
 
-Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest first. A run may have
-millions of records, and most have none of most things: these share ``NONE``, and ``added`` makes the first list.
+Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest
+first. A run may have millions of records, and most have none of most things: these share ``NONE``,
+and ``added`` makes the first list.
 """
 
 from bisect import bisect_left, bisect_right
@@ -32,10 +34,14 @@ class TaskState(StrEnum):
     HANDLING = "handling"  # its handler runs and it is being achieved
     ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
     ACHIEVED = "achieved"
-    RESOLVED = str(Outcome.RESOLVED)  # an exception handler resolved its failure: it did not do what it should
+    RESOLVED = str(
+        Outcome.RESOLVED
+    )  # an exception handler resolved its failure: it did not do what it should
     RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
     SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
-    ENDING = "ending"  # killed, but its handler still runs, or something under it is still to be done
+    ENDING = (
+        "ending"  # killed, but its handler still runs, or something under it is still to be done
+    )
     FAILED = "failed"
     KILLED = "killed"
 
@@ -55,7 +61,10 @@ _SHARED: dict[bytes, bytes] = {}
 _AS_BYTE = {state: bytes([number]) for number, state in enumerate(_STATES)}
 PLACES = {int(moment): place for place, moment in enumerate(MOMENTS, 1)}
 """The places of moments in ``Task.times``."""
-PLACES_OF = [tuple(PLACES[moment] for moment in MOMENTS if moments & moment) for moments in range(ALL_MOMENTS + 1)]
+PLACES_OF = [
+    tuple(PLACES[moment] for moment in MOMENTS if moments & moment)
+    for moments in range(ALL_MOMENTS + 1)
+]
 """The same of each set of moments."""
 _START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment.START_ACHIEVING]
 _END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
@@ -108,13 +117,17 @@ def going_on(spans: Sequence[_Span], time: float) -> _Span | None:
 def lately(spans: Sequence[_Span], time: float) -> list[_Span]:
     """Those that went on at a time, of the last that had begun."""
     begun = bisect_right(spans, time, key=_START) if spans else 0
-    return [span for span in spans[max(begun - _LATELY, 0) : begun] if span.end is None or span.end > time]
+    return [
+        span
+        for span in spans[max(begun - _LATELY, 0) : begun]
+        if span.end is None or span.end > time
+    ]
 
 
 @dataclass(slots=True)
 class HandlerWait(Span):
-    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim; or
-    for a change of task *awaited*, or for what *name* says (0).
+    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment,
+    or for a claim; or for a change of task *awaited*, or for what *name* says (0).
     """
 
     awaited: int
@@ -141,7 +154,9 @@ class Queueing(Span):
 
 
 class Drop(NamedTuple):
-    """A loss: a message that came to nothing, what one receiver of it was to get, or direct messages."""
+    """A loss: a message that came to nothing, what one receiver of it was to get, or direct
+    messages.
+    """
 
     time: float
     name: str
@@ -160,7 +175,11 @@ class Drop(NamedTuple):
     @property
     def is_loss(self) -> bool:
         """Whether a handler should have had it."""
-        return self.is_copy or not self.message_id or self.dropping in (Dropping.OVERLOAD, Dropping.DISPLACED)
+        return (
+            self.is_copy
+            or not self.message_id
+            or self.dropping in (Dropping.OVERLOAD, Dropping.DISPLACED)
+        )
 
 
 @dataclass(slots=True)
@@ -174,14 +193,18 @@ class Handling(Span):
     start: float
     end: float | None = None
     outcome: Outcome | None = None
-    """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if it was cut off."""
+    """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if
+    it was cut off.
+    """
     waits: Sequence[HandlerWait] = NONE
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
     by: "Handling | None" = field(default=None, repr=False, compare=False)
     """Of such a message the run of a handler that sent it."""
     delivery: int = 0
-    """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
+    """The delivery: what its handler sends names it as its origin. A retried message has a new one
+    each time.
+    """
     asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
     """The queries that its handler sent."""
     is_lost: bool = False
@@ -237,7 +260,9 @@ class Offer(Span):
 
 
 class Failure(str):
-    """A failure as text: its *name*, and the *words* that were said of it; empty where there is none."""
+    """A failure as text: its *name*, and the *words* that were said of it; empty where there is
+    none.
+    """
 
     __slots__ = ("name", "words")
     name: str
@@ -329,7 +354,9 @@ class EventAhead(NamedTuple):
 
 
 class Exhausted(NamedTuple):
-    """An exception handler that had been called as often as it may, when a failure was not handled."""
+    """An exception handler that had been called as often as it may, when a failure was not
+    handled.
+    """
 
     time: float
     handler: str
@@ -345,7 +372,9 @@ class Suspension(Span):
     """The suspended task: this one, or one above it."""
     start: float
     still: list[Handling] = field(default_factory=list, repr=False)
-    """Handlers of *cause* and under it that ran then, or began since: resumed alone, or to leave things safe."""
+    """Handlers of *cause* and under it that ran then, or began since: resumed alone, or to leave
+    things safe.
+    """
     end: float | None = None
     is_resumed: bool = False
     """Whether it ended so; else the task itself ended."""
@@ -358,12 +387,18 @@ class Suspension(Span):
     @property
     def standstill(self) -> float | None:
         """From when on none of those handlers worked any more (None: one still does)."""
-        since = max([self.start, *(self._work_end(one) for one in self.still if one.start < self.until)])
+        since = max(
+            [self.start, *(self._work_end(one) for one in self.still if one.start < self.until)]
+        )
         return since if since < inf else None
 
     def _work_end(self, handling: Handling) -> float:
-        """When a handler was done; or from when on it waited for a task until the suspension was over."""
-        blocked = (wait.start for wait in handling.waits if wait.moment and wait.until >= self.until)
+        """When a handler was done; or from when on it waited for a task until the suspension was
+        over.
+        """
+        blocked = (
+            wait.start for wait in handling.waits if wait.moment and wait.until >= self.until
+        )
         return next(blocked, handling.until)
 
 
@@ -382,8 +417,8 @@ class Message(Overwritten):
     queueings: Sequence[Queueing] = NONE
     handlings: Sequence[Handling] = NONE
     changes: Changes = NONE
-    """The overwritten values: when, which of the fields (``body`` or one below), and the old value. Many are kept by
-    field, so that each is found in O(log).
+    """The overwritten values: when, which of the fields (``body`` or one below), and the old value.
+    Many are kept by field, so that each is found in O(log).
     """
     failure: Failure = NO_FAILURE
     """The failure raised on it; none again when it is handled anew."""
@@ -411,7 +446,11 @@ class Message(Overwritten):
     @property
     def failures(self) -> list[tuple[float, Failure]]:
         """The failures that were raised on it, and when, oldest first."""
-        return [(time, failure) for time, failure in self.became("failure") if failure] if self.changes else []
+        return (
+            [(time, failure) for time, failure in self.became("failure") if failure]
+            if self.changes
+            else []
+        )
 
     @property
     def is_queued(self) -> bool:
@@ -445,7 +484,9 @@ class Task(Message):
     killed_for: TaskId = ROOT
     """The task whose failure nobody handled, if it was killed for that."""
     is_waited_for: bool = False
-    """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there at the latest."""
+    """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there
+    at the latest.
+    """
     outlives_retry: bool = False
     """Of a monitor: a retry of the task that it is under spares it."""
     watched: str = ""
@@ -453,17 +494,23 @@ class Task(Message):
     caught_by: Sequence[TaskId] = NONE
     """The tasks of the exception handlers that were called for its failures."""
     deciders: Sequence[TaskId] = NONE
-    """Those of them that decided, one after the other, what became of it; not those for failures raised beside."""
+    """Those of them that decided, one after the other, what became of it; not those for failures
+    raised beside.
+    """
     is_recovering: bool = False
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
     """Its failure was dealt with."""
     is_unhandled: bool = False
-    """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it goes on."""
+    """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it
+    goes on.
+    """
     suspensions: Sequence[Suspension] = NONE
     retries: Sequence[Retry] = NONE
     life: Sequence[LifeChange] = NONE
-    """The transitions of its life cycle that are facts of their own; lives.py adds those that other facts imply."""
+    """The transitions of its life cycle that are facts of their own; lives.py adds those that other
+    facts imply.
+    """
     since: Sequence[float] = NONE
     """From when on it was in each of its states."""
     stages: bytes | bytearray = b""
@@ -481,7 +528,9 @@ class Task(Message):
     @property
     def reached(self) -> dict[Moment, float]:
         """When it reached which moments."""
-        return {moment: time for moment, time in zip(MOMENTS, self.times[1:], strict=True) if time < inf}
+        return {
+            moment: time for moment, time in zip(MOMENTS, self.times[1:], strict=True) if time < inf
+        }
 
     @property
     def has_ended(self) -> bool:
@@ -504,7 +553,9 @@ class Task(Message):
     @property
     def states(self) -> list[tuple[float, TaskState]]:
         """From when on it was in which state."""
-        return [(since, _STATES[stage]) for since, stage in zip(self.since, self.stages, strict=True)]
+        return [
+            (since, _STATES[stage]) for since, stage in zip(self.since, self.stages, strict=True)
+        ]
 
     def stage(self, place: int) -> tuple[float, TaskState]:
         """One of these."""
@@ -526,7 +577,9 @@ class Task(Message):
     @property
     def suspension(self) -> Suspension | None:
         """The one that goes on now, of itself or of what it is under."""
-        return self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
+        return (
+            self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
+        )
 
     @property
     def is_retried(self) -> bool:
@@ -537,7 +590,9 @@ class Task(Message):
         """Whether it was to be handled again at a time, and had not been."""
         begun = bisect_right(self.handlings, time, key=_START)
         first = bisect_left(self.retries, begun, key=_RUNS)
-        return bool(begun) and any(one.runs == begun and one.time <= time for one in self.retries[first : first + 1])
+        return bool(begun) and any(
+            one.runs == begun and one.time <= time for one in self.retries[first : first + 1]
+        )
 
     @property
     def state(self) -> TaskState:
@@ -552,7 +607,11 @@ class Task(Message):
             return TaskState.ENDING
         if self.is_recovering and not has_ended:
             return TaskState.RECOVERING
-        if self.failure and not self.is_dealt_with and (has_ended or not (self.is_unhandled or self.is_retried)):
+        if (
+            self.failure
+            and not self.is_dealt_with
+            and (has_ended or not (self.is_unhandled or self.is_retried))
+        ):
             return TaskState.FAILED
         if self.killed is not None:
             return TaskState.KILLED

@@ -1,4 +1,6 @@
-"""Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
+"""Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure;
+draws nothing.
+"""
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -35,12 +37,16 @@ class Forest(Protocol):
 
 
 class Excerpt:
-    """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
+    """Some tasks of a run, as they were. Those whose parents are not among them stand at the
+    top.
+    """
 
     def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
         self.tasks = {number: at.tasks[number] for number in at.tasks if number in chosen}
         self.time = at.time
-        self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
+        self._top = [
+            TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen
+        ]
 
     def children(self, task: int) -> Sequence[TaskId]:
         """The tasks right under *task*, oldest first."""
@@ -50,7 +56,9 @@ class Excerpt:
 
 
 def tasks_called(run: Run, text: str) -> list[TaskId]:
-    """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if there is none."""
+    """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if
+    there is none.
+    """
     wanted = text.strip().strip("{}")
     found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in run.tasks else []
     found = found or [TaskId(task.id) for task in run.tasks.values() if task.name == text]
@@ -68,7 +76,9 @@ def no_task(text: str, names: Collection[str], where: str = "in this journal") -
 
 
 def one_task(run: Run, text: str) -> TaskId:
-    """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there are several."""
+    """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there
+    are several.
+    """
     return TaskId(_only(tasks_called(run, text), text, "tasks"))
 
 
@@ -86,7 +96,9 @@ def one_message(run: Run, text: str) -> int:
 def _only(found: Sequence[int], text: str, what: str) -> int:
     if len(found) > 1:
         numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
-        raise NotInLog(f"{len(found)} {what} are called '{text}': name one by its number: {numbers}")
+        raise NotInLog(
+            f"{len(found)} {what} are called '{text}': name one by its number: {numbers}"
+        )
     return found[0]
 
 
@@ -94,7 +106,9 @@ def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in run.modules:
-            raise NotInLog(f"no module '{name}' {_in_journal(run)}{did_you_mean(name, run.modules, ': ')}")
+            raise NotInLog(
+                f"no module '{name}' {_in_journal(run)}{did_you_mean(name, run.modules, ': ')}"
+            )
 
 
 def part_of(
@@ -105,10 +119,11 @@ def part_of(
     start: float | None = None,
     end: float | None = None,
 ) -> Excerpt:
-    """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and *end*.
+    """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and
+    *end*.
 
-    What hangs above a task that was asked for is there too, up to the roots. A task is of the modules that handled it
-    or in whose queue it waited. Times are those of the entries' clock.
+    What hangs above a task that was asked for is there too, up to the roots. A task is of the
+    modules that handled it or in whose queue it waited. Times are those of the entries' clock.
     """
     run = at.run
     under = None if roots is None else subtree(run, roots)
@@ -140,16 +155,23 @@ def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
 
 
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
-    """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
+    """These tasks, and the messages that were sent by their handlers, or by the handlers of such
+    messages.
+    """
     found = set(tasks)
     for number, message in run.messages.items():  # a sender is older than its messages
-        if not isinstance(message, Task) and run.message_of.get(message.origin, message.origin) in found:
+        if (
+            not isinstance(message, Task)
+            and run.message_of.get(message.origin, message.origin) in found
+        ):
             found.add(number)
     return found
 
 
 def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
-    """The messages that those *of* a task's subtree waited for: for their resources, or by a constraint."""
+    """The messages that those *of* a task's subtree waited for: for their resources, or by a
+    constraint.
+    """
     found: set[int] = set()
     for number in of:
         message = run.messages[number]
@@ -162,7 +184,9 @@ def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
         if isinstance(message, Task):
             found.update(hold.constraint.before.task for hold in message.holds)
     above = set(lineage(run, task))
-    found |= subtree(run, (TaskId(number) for number in found if number in run.tasks and number not in above))
+    found |= subtree(
+        run, (TaskId(number) for number in found if number in run.tasks and number not in above)
+    )
     return {number for number in found if number not in of and number in run.messages}
 
 
@@ -175,7 +199,9 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
 
 
 def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
-    """The messages that had a resource during a wait, in order: those handled there, and those it was locked for."""
+    """The messages that had a resource during a wait, in order: those handled there, and those it
+    was locked for.
+    """
     grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
     begun = islice(runs, bisect_left(runs, wait.until, key=_START))

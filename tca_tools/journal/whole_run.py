@@ -1,4 +1,6 @@
-"""All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was known when."""
+"""All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was
+known when.
+"""
 
 from array import array
 from bisect import bisect_left, bisect_right
@@ -44,7 +46,9 @@ class Reactions:
         self.unhandled: dict[int, list[float]] = {}
         """For tasks whose failure was not handled when that was so."""
         self.exhausted: dict[int, list[Exhausted]] = {}
-        """For tasks whose failure was not handled the exception handlers that might not be called once more."""
+        """For tasks whose failure was not handled the exception handlers that might not be called
+        once more.
+        """
         self.ahead: dict[int, list[EventAhead]] = {}
         """For tasks that are to be killed, or must be done by a time: that."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
@@ -52,11 +56,15 @@ class Reactions:
         self.conditions: dict[int, Message] = {}
         """For each monitor the first query that asked for its condition."""
         self.asked_by: list[Handling | str] = []
-        """The origin of each entry: the run of a handler, or a module outside of handlers; "" if nobody asked."""
+        """The origin of each entry: the run of a handler, or a module outside of handlers; "" if
+        nobody asked.
+        """
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
         self.deadlocks: dict[tuple[float, str], Failure] = {}
-        """When which module was refused to wait, since that would have been a deadlock: "deadlock", and the circle."""
+        """When which module was refused to wait, since that would have been a deadlock: "deadlock",
+        and the circle.
+        """
 
 
 class Run(Reactions):
@@ -78,7 +86,9 @@ class Run(Reactions):
         super().__init__()
         self.time = 0.0
         self.times, self.clock, self.numbers = array("d"), array("d"), array("q")
-        """The time of each entry, each later than the one before; what it says that its time is; and its number."""
+        """The time of each entry, each later than the one before; what it says that its time is;
+        and its number.
+        """
         self.began: float | None = None
         """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
         self.top: list[TaskId] = []
@@ -88,7 +98,9 @@ class Run(Reactions):
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
         self.message_of: dict[int, int] = {}
-        """For each delivery that has a number of its own its message: of retries, and of what goes to many."""
+        """For each delivery that has a number of its own its message: of retries, and of what goes
+        to many.
+        """
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.copies: dict[int, list[Queueing]] = {}
@@ -98,7 +110,9 @@ class Run(Reactions):
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}
-        """By what the module calls itself, and resource: locks and reservations that were granted, in their order."""
+        """By what the module calls itself, and resource: locks and reservations that were granted,
+        in their order.
+        """
         self.wanted: dict[tuple[str, str], list[Claim]] = {}
         """By the same keys all that were asked for, in that order."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
@@ -108,7 +122,9 @@ class Run(Reactions):
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
         self.memo: dict[object, Any] = {}
-        """Results that others have worked out of the records; they check themselves whether these still hold."""
+        """Results that others have worked out of the records; they check themselves whether these
+        still hold.
+        """
 
     def asker_at(self, time: float) -> Handling | str:
         """The origin of the entry of a time; "" if nobody asked."""
@@ -138,7 +154,9 @@ class Run(Reactions):
         return self.tasks[task].received if task in self.tasks else -inf
 
     def granted(self, module: str, resource: str) -> list[Claim]:
-        """The locks and reservations of a resource, in all copies of its module, that were granted, in their order."""
+        """The locks and reservations of a resource, in all copies of its module, that were granted,
+        in their order.
+        """
         return self.grants.get((called(module), resource), [])
 
     def asked_for(self, module: str, resource: str) -> list[Claim]:
@@ -146,7 +164,9 @@ class Run(Reactions):
         return self.wanted.get((called(module), resource), [])
 
     def deadlock(self, wait: HandlerWait) -> Failure:
-        """The circle in which a handler or program would have waited for ever, if that ended its wait; else ""."""
+        """The circle in which a handler or program would have waited for ever, if that ended its
+        wait; else "".
+        """
         if wait.end is None or not self.deadlocks:
             return NO_FAILURE
         by = wait.by if isinstance(wait.by, str) else wait.by.module

@@ -23,9 +23,9 @@ KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: bool) -> None:
     """Show the life cycle of tasks: as a table, or with -o as a diagram.
 
-    WHAT is "general" (what goals and commands have if nothing else is declared), "basic", a Python file that declares
-    life cycles or messages, or the name of a goal or command of a run. LOG is that run's journal; without it, the
-    newest run is asked.
+    WHAT is "general" (what goals and commands have if nothing else is declared), "basic", a Python
+    file that declares life cycles or messages, or the name of a goal or command of a run. LOG is
+    that run's journal; without it, the newest run is asked.
     """
     check_output(output, KINDS, force=force)
     found = meant(what, log_path)
@@ -36,7 +36,9 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
         return
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
-        raise click.UsageError(f"{what} has {len(found)} life cycles ({names}): a diagram shows one")
+        raise click.UsageError(
+            f"{what} has {len(found)} life cycles ({names}): a diagram shows one"
+        )
     write_graph(output, dot_source(found[0]), f"life cycle '{found[0].name}'")
 
 

@@ -1,7 +1,8 @@
-"""A life cycle as a diagram, in the language of Graphviz: as figures 2 and 10 of Lütkebohle et al. draw theirs.
+"""A life cycle as a diagram, in the language of Graphviz: as figures 2 and 10 of Lütkebohle et al.
+draw theirs.
 
-The active states stand in a frame. An arrow that leaves every one of them is drawn once, from the frame; what leads
-each of them back to itself is written in the frame.
+The active states stand in a frame. An arrow that leaves every one of them is drawn once, from the
+frame; what leads each of them back to itself is written in the frame.
 """
 
 from collections.abc import Iterator
@@ -28,7 +29,10 @@ def _title(life_cycle: LifeCycle) -> list[str]:
     there = {one.by for one in life_cycle.transitions}
     parties = [party for party in TAKEN_BY if party in there]
     words = {Party.CLIENT: "dashed, blue", Party.SERVER: "black", Party.BOTH: "violet"}
-    return [f"life cycle '{life_cycle.name}'", *(f"{words[party]}: by {TAKEN_BY[party]}" for party in parties)]
+    return [
+        f"life cycle '{life_cycle.name}'",
+        *(f"{words[party]}: by {TAKEN_BY[party]}" for party in parties),
+    ]
 
 
 def _statements(life_cycle: LifeCycle) -> Iterator[str]:
@@ -55,15 +59,22 @@ def _common(life_cycle: LifeCycle) -> list[Transition]:
     active = life_cycle.active
     if len(active) < 2:
         return []
-    of_each = [{_without_source(one) for one in life_cycle.transitions if one.source == state} for state in active]
+    of_each = [
+        {_without_source(one) for one in life_cycle.transitions if one.source == state}
+        for state in active
+    ]
     of_all = set.intersection(*of_each)
     of_first = [one for one in life_cycle.transitions if one.source == active[0]]
-    return [one for one in of_first if _without_source(one) in of_all and one.target not in active[1:]]
+    return [
+        one for one in of_first if _without_source(one) in of_all and one.target not in active[1:]
+    ]
 
 
 def _without_source(one: Transition) -> Transition:
     """The same for all states that have this transition to one target, or back to themselves."""
-    return msgspec.structs.replace(one, source="", target="" if one.target == one.source else one.target)
+    return msgspec.structs.replace(
+        one, source="", target="" if one.target == one.source else one.target
+    )
 
 
 def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:
@@ -81,4 +92,6 @@ def _node(ids: dict[str, str], state: str, fill: str, more: str = "") -> str:
 def _arrow(names: list[str], by: Party) -> str:
     style = ', style="dashed"' if by is Party.CLIENT else ""
     words = quoted(*names)
-    return f'label={words}, color="{COLOURS[by]}", fontcolor="{COLOURS[by]}", tooltip={words}{style}'
+    return (
+        f'label={words}, color="{COLOURS[by]}", fontcolor="{COLOURS[by]}", tooltip={words}{style}'
+    )

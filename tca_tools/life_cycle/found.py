@@ -1,4 +1,6 @@
-"""The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
+"""The life cycles that somebody means: a built-in one, those of a Python file, or that of a message
+of a run.
+"""
 
 from pathlib import Path
 
@@ -32,7 +34,9 @@ def _in_file(path: Path) -> list[LifeCycle]:
     found = [value for value in values if isinstance(value, LifeCycle)]
     found += [value.life_cycle for value in values if isinstance(value, TaskMessage)]
     if not found:
-        raise click.UsageError(f"{path} has no life cycle: declare a LifeCycle, goal or command at its top level")
+        raise click.UsageError(
+            f"{path} has no life cycle: declare a LifeCycle, goal or command at its top level"
+        )
     each = list(dict.fromkeys(found))
     return [one for one in each if one not in BUILT_IN.values()] or each
 

@@ -1,4 +1,6 @@
-"""A life cycle as a table of text: a row for each transition, and which states are the first, active, and ends."""
+"""A life cycle as a table of text: a row for each transition, and which states are the first,
+active, and ends.
+"""
 
 from collections.abc import Iterator
 
@@ -36,5 +38,11 @@ def _rows(life_cycle: LifeCycle) -> Iterator[tuple[str, ...]]:
     for state in life_cycle.states:
         for one in life_cycle.transitions:
             if one.source == state:
-                yield "" if state == last else state, one.name, TAKEN_BY[one.by], one.target, _EFFECTS[one.effect]
+                yield (
+                    "" if state == last else state,
+                    one.name,
+                    TAKEN_BY[one.by],
+                    one.target,
+                    _EFFECTS[one.effect],
+                )
                 last = state

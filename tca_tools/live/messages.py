@@ -18,7 +18,16 @@ from tca_tools.errors import ToolError
 from tca_tools.live.shared import as_json, as_text, json_option, live_command, timeout_option
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import Broadcast, Command, Goal, Inform, Message, MultiQuery, Query, Variable
+from tca_wire.messages.declarations import (
+    Broadcast,
+    Command,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    Variable,
+)
 from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
 
@@ -33,10 +42,22 @@ data_argument = click.argument("data", nargs=-1)
 @live_command("send", epilog=HOW)
 @click.argument("name")
 @data_argument
-@click.option("--wait", is_flag=True, help="Wait until the goal or command has ended; exit code 1 unless it is done.")
+@click.option(
+    "--wait",
+    is_flag=True,
+    help="Wait until the goal or command has ended; exit code 1 unless it is done.",
+)
 @timeout_option
 @json_option
-def send(client: Client, name: str, data: tuple[str, ...], timeout: float | None, *, wait: bool, in_json: bool) -> None:
+def send(
+    client: Client,
+    name: str,
+    data: tuple[str, ...],
+    timeout: float | None,
+    *,
+    wait: bool,
+    in_json: bool,
+) -> None:
     """Send a message of any class.
 
     It prints the task of a goal or command, or the reply to a query.
@@ -46,10 +67,16 @@ def send(client: Client, name: str, data: tuple[str, ...], timeout: float | None
         _ask(client, message, data, timeout, None, in_json=in_json)
         return
     if isinstance(message, Variable | ExceptionHandler):
-        how = "set it with 'tca set'" if isinstance(message, Variable) else "raise its failure with 'tca raise'"
+        how = (
+            "set it with 'tca set'"
+            if isinstance(message, Variable)
+            else "raise its failure with 'tca raise'"
+        )
         raise click.UsageError(f"{message.title} is not sent: {how}")
     if (wait or timeout is not None) and not isinstance(message, Goal | Command):
-        raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
+        raise click.UsageError(
+            f"{message.title} has no end to wait for: leave --wait and --timeout out"
+        )
     value = _checked_data(client, message, data)
     if isinstance(message, Inform):
         client.inform(message, value, wait=0)
@@ -64,10 +91,21 @@ def send(client: Client, name: str, data: tuple[str, ...], timeout: float | None
 @click.argument("name")
 @data_argument
 @timeout_option
-@click.option("--maximum", metavar="N", type=click.IntRange(min=1), help="Stop after so many replies to a multi-query.")
+@click.option(
+    "--maximum",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Stop after so many replies to a multi-query.",
+)
 @json_option
 def query(
-    client: Client, name: str, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
+    client: Client,
+    name: str,
+    data: tuple[str, ...],
+    timeout: float | None,
+    maximum: int | None,
+    *,
+    in_json: bool,
 ) -> None:
     """Ask a query and print the reply.
 
@@ -115,14 +153,18 @@ def _variable(client: Client, name: str) -> Variable[Any]:
     return message
 
 
-# --- typed data ------------------------------------------------------------------------------------------------------
+# --- typed data -----------------------------------------------------------------------------------
 
 
 def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
-    """The data that the words of a command line mean. Raises UsageError, or BadData when they are encoded."""
+    """The data that the words of a command line mean. Raises UsageError, or BadData when they are
+    encoded.
+    """
     takes_fields = getattr(message.data, "takes_fields", True)
     if message.data.kind is type(None) and words:
-        raise click.UsageError(f"{message.title} takes no data, and '{printable(words[0])}' was given")
+        raise click.UsageError(
+            f"{message.title} takes no data, and '{printable(words[0])}' was given"
+        )
     if words == ("-",):
         return _from_standard_input()
     if not words:
@@ -133,7 +175,9 @@ def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
     if len(words) == 1:
         return Bare(words[0])
     if not takes_fields:
-        raise click.UsageError(f"{message.title} takes one value ({message.data}), and {len(words)} were given")
+        raise click.UsageError(
+            f"{message.title} takes one value ({message.data}), and {len(words)} were given"
+        )
     wrong = next(word for word, pair in zip(words, pairs, strict=True) if pair is None)
     raise click.UsageError(f"'{printable(wrong)}' is no field of {message.title}: write key=value")
 
@@ -143,7 +187,9 @@ def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
         message.data.encode(None)
     except BadData:
         if not takes_fields:
-            raise click.UsageError(f"{message.title} wants data ({message.data}), and none were given") from None
+            raise click.UsageError(
+                f"{message.title} wants data ({message.data}), and none were given"
+            ) from None
         return {}
     return None
 
@@ -164,22 +210,30 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
         for step in path:
             part = part.setdefault(step, {})
             if not isinstance(part, dict):
-                raise click.UsageError(f"field '{name}' is given, and so is '{step}' as a whole: give one of them")
+                raise click.UsageError(
+                    f"field '{name}' is given, and so is '{step}' as a whole: give one of them"
+                )
         if last in part:
             raise click.UsageError(f"field '{name}' is given twice: give it once")
         part[last] = Bare(text)
     return fields
 
 
-# --- results ----------------------------------------------------------------------------------------------------------
+# --- results --------------------------------------------------------------------------------------
 
 
 def _checked_data(client: Client, message: Message[Any, Any], words: tuple[str, ...]) -> Any:
-    """The data of a message to be sent now. Warns if nobody handles it. Raises what ``read_data`` does, or BadData."""
+    """The data of a message to be sent now. Warns if nobody handles it. Raises what ``read_data``
+    does, or BadData.
+    """
     value = read_data(message, words)
     message.encode_data(value)
     if not any(handler.capacity for handler in client.handlers(message)):
-        fate = "it reaches nobody" if isinstance(message, Broadcast | MultiQuery) else "it waits until a module does"
+        fate = (
+            "it reaches nobody"
+            if isinstance(message, Broadcast | MultiQuery)
+            else "it waits until a module does"
+        )
         click.echo(f"nobody handles {printable(message.title)} now: {fate}", err=True)
     return value
 
@@ -225,7 +279,13 @@ def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
 
 
 def _ask(
-    client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
+    client: Client,
+    message: Any,
+    data: tuple[str, ...],
+    timeout: float | None,
+    maximum: int | None,
+    *,
+    in_json: bool,
 ) -> None:
     value = _checked_data(client, message, data)
     within = QUERY_TIMEOUT if timeout is None else timeout

@@ -1,5 +1,5 @@
-"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``, ``variables`` and
-``attached``.
+"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``,
+``variables`` and ``attached``.
 """
 
 import json
@@ -26,7 +26,9 @@ from tca_wire.waits import CommonEnd, Waiter, WaitKind
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
 _STATES = ("waits", "suspended", "killed", "held")
-"""The lists of waiters that central tells: messages, handlers and modules; suspended, killed and held tasks."""
+"""The lists of waiters that central tells: messages, handlers and modules; suspended, killed and
+held tasks.
+"""
 
 Rows = list[list[str]]
 
@@ -51,32 +53,49 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
-    overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # this command is not counted
+    overview |= {
+        what: overview[what] - 1 for what in ("modules", "connections")
+    }  # this command is not counted
     waiting = _waiting(load)
     awaited, is_to_be_told = overview.get("awaited"), overview.get("to be told")
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
-        if what not in ("epoch", "newest id", "awaited", "to be told") and (number or what != "forgotten answers")
+        if what not in ("epoch", "newest id", "awaited", "to be told")
+        and (number or what != "forgotten answers")
     ]
     shown.append(memory_in_words(load))
-    parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
+    parts = [
+        f"central at {client.address}, run {overview['epoch']}",
+        *textwrap.wrap(", ".join(shown), 100),
+    ]
     if awaited is not None:
-        waits = f"waits for {printable(listed(awaited))} to come back" if awaited else "is to be told"
+        waits = (
+            f"waits for {printable(listed(awaited))} to come back" if awaited else "is to be told"
+        )
         more = "; 'tca resume' starts them" if is_to_be_told or awaited else ""
         parts.append(f"no task starts since central was restarted: it {waits}{more}")
-    lost = sorted((one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"]))
+    lost = sorted(
+        (one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"])
+    )
     if lost:
         dropped = listed([f"{one['dropped']:,} of {one['message']}" for one in lost])
         parts.append(f"dropped: {printable(dropped)}")
     if waiting:
-        parts += ["", _table(["who waits", "for what"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]])]
+        parts += [
+            "",
+            _table(
+                ["who waits", "for what"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]]
+            ),
+        ]
         told = Counter(one["state"] for one in waiting)
         left = sum(max(load["totals"].get(state, 0), told[state]) for state in _STATES) - _SHOWN
         parts += [f"... and {'at least ' * _is_cut(load)}{left:,} more"] * (left > 0)
     if ends := _ends(load):
         parts += ["", *ends]
-    data = {what: load[what] for what in ("time", "totals", "looked_at", "ends", "memory", "overloads")}
+    data = {
+        what: load[what] for what in ("time", "totals", "looked_at", "ends", "memory", "overloads")
+    }
     return {**overview, "waiting": waiting, **data}, "\n".join(parts)
 
 
@@ -97,24 +116,34 @@ def _is_cut(load: dict[str, Any]) -> bool:
 
 
 def _ends(load: dict[str, Any]) -> list[str]:
-    """The final waits of held tasks, with how many wait for each, and how far central has looked."""
+    """The final waits of held tasks, with how many wait for each, and how far central has
+    looked.
+    """
     ends = msgspec.convert(load["ends"], list[CommonEnd])
-    at_least = "at least " * (_is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"])
+    at_least = "at least " * (
+        _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
+    )
     lines = []
     for end in ends:
         who = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
         lines.append(f"{who} in the end {in_words(end.wait, load['time'])}")
-    return lines + [f"held tasks were looked for among the {load['looked_at']:,} oldest tasks only"] * _is_cut(load)
+    return lines + [
+        f"held tasks were looked for among the {load['looked_at']:,} oldest tasks only"
+    ] * _is_cut(load)
 
 
 def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
-    """For what; if not all wait for the same in the end, for what that is; and the task to resume."""
+    """For what; if not all wait for the same in the end, for what that is; and the task to
+    resume.
+    """
     why = several_in_words(waiter.waits, now)
     if waiter.killed:
         return f"{why} (killed: {waiter.killed})"
     if has_end and waiter.end is not None:
         why += f"; in the end {in_words(waiter.end, now)}"
-    suspended = next((one.number or waiter.number for one in waiter.waits if one.kind is WaitKind.RESUME), 0)
+    suspended = next(
+        (one.number or waiter.number for one in waiter.waits if one.kind is WaitKind.RESUME), 0
+    )
     return f"{why}: 'tca resume {suspended}'" if suspended else why
 
 
@@ -133,13 +162,24 @@ def modules(client: Client) -> tuple[Any, str]:
 
 
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
-    """Its name and capacity, the ids of what it handles and who has it to itself, and how many wait."""
+    """Its name and capacity, the ids of what it handles and who has it to itself, and how many
+    wait.
+    """
     if resource is None:
         return ["-", "", "", ""]
     parts = [", ".join(map(str, resource["handling"]))]
-    parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
+    parts += [
+        f"{how} by {resource[f'{how}_by']}"
+        for how in ("locked", "reserved")
+        if resource[f"{how}_by"]
+    ]
     handling = "; ".join(filter(None, parts)) or "-"
-    return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
+    return [
+        resource["resource"],
+        str(resource["capacity"]),
+        handling,
+        str(resource["waiting"] or ""),
+    ]
 
 
 @_question("messages")
@@ -148,9 +188,15 @@ def messages(client: Client) -> tuple[Any, str]:
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
     rows = []
     for message in known:
-        handlers = [f"{one['module']}{' (direct)' * one['direct']}" for one in message["handled_by"]]
-        rows.append([message["message"], message["class"], _names(handlers), str(message["waiting"] or "")])
-    return known, _table(["message", "class", "handled by", "waiting"], rows) or "no messages have been declared"
+        handlers = [
+            f"{one['module']}{' (direct)' * one['direct']}" for one in message["handled_by"]
+        ]
+        rows.append(
+            [message["message"], message["class"], _names(handlers), str(message["waiting"] or "")]
+        )
+    return known, _table(
+        ["message", "class", "handled by", "waiting"], rows
+    ) or "no messages have been declared"
 
 
 @_question("variables")
@@ -164,37 +210,64 @@ def variables(client: Client) -> tuple[Any, str]:
     for variable in known:
         variable["value"] = _plain(variable["value"])
         watched_by = _names(variable["watched_by"])
-        rows.append([variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by])
-    return known, _table(["variable", "value", "set by", "watched by"], rows) or "no variables have been declared"
+        rows.append(
+            [variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by]
+        )
+    return known, _table(
+        ["variable", "value", "set by", "watched by"], rows
+    ) or "no variables have been declared"
 
 
 @_question("attached")
 def attached(client: Client) -> tuple[Any, str]:
     """List the exception handlers, wiretaps and monitors in force.
 
-    Each line says where it is attached, and by which modules. It stays when they leave: 'tca detach NUMBER' takes it
-    away. "An earlier run" of a module that has come back attached it, and the present one has not: 'tca detach --stale'
-    takes away all that nobody else has attached.
+    Each line says where it is attached, and by which modules. It stays when they leave: 'tca detach
+    NUMBER' takes it away. "An earlier run" of a module that has come back attached it, and the
+    present one has not: 'tca detach --stale' takes away all that nobody else has attached.
     """
     known = client.status("attached")
     handlers = [
         [
-            str(one["id"]), one["failure"] or "any failure", attached_to(one), one["handler"],
-            str(one["maximum"] or ""), _owners(one), _names(one["handled_by"]),
+            str(one["id"]),
+            one["failure"] or "any failure",
+            attached_to(one),
+            one["handler"],
+            str(one["maximum"] or ""),
+            _owners(one),
+            _names(one["handled_by"]),
         ]
         for one in known["exception_handlers"]
-    ]  # fmt: skip
+    ]
     taps = [
         [
-            str(one["id"]), one["condition"], attached_to(one), one["listener"], _owners(one),
+            str(one["id"]),
+            one["condition"],
+            attached_to(one),
+            one["listener"],
+            _owners(one),
             "central" if one["is_monitor"] else _names(one["handled_by"]),
         ]
         for one in known["wiretaps"]
-    ]  # fmt: skip
-    monitors = [[str(one["id"]), one["monitor"], attached_to(one), _owners(one)] for one in known["monitors"]]
+    ]
+    monitors = [
+        [str(one["id"]), one["monitor"], attached_to(one), _owners(one)]
+        for one in known["monitors"]
+    ]
     cut = attached_in_all(known)
     texts = [
-        _table(["number", "failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
+        _table(
+            [
+                "number",
+                "failure",
+                "of",
+                "exception handler",
+                "at most",
+                "attached by",
+                "handled by",
+            ],
+            handlers,
+        ),
         _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
         _table(["number", "monitor", "under", "sent by"], monitors),
         cut and f"these are only the first: there are {cut}",
@@ -203,9 +276,15 @@ def attached(client: Client) -> tuple[Any, str]:
 
 
 def attached_in_all(known: dict[str, Any]) -> str:
-    """Of what so much is attached that central does not tell all, how many there are: "12,000 monitors"; "" if none."""
+    """Of what so much is attached that central does not tell all, how many there are: "12,000
+    monitors"; "" if none.
+    """
     totals: dict[str, int] = known["totals"]
-    cut = [f"{number:,} {kind.replace('_', ' ')}" for kind, number in totals.items() if number > len(known[kind])]
+    cut = [
+        f"{number:,} {kind.replace('_', ' ')}"
+        for kind, number in totals.items()
+        if number > len(known[kind])
+    ]
     return ", ".join(cut)
 
 
@@ -217,7 +296,9 @@ def attached_to(one: dict[str, Any]) -> str:
 
 
 def _owners(one: dict[str, Any]) -> str:
-    marks = dict.fromkeys(one["gone"], " (has left)") | dict.fromkeys(one["earlier"], " (an earlier run)")
+    marks = dict.fromkeys(one["gone"], " (has left)") | dict.fromkeys(
+        one["earlier"], " (an earlier run)"
+    )
     return ", ".join(name + marks.get(name, "") for name in one["modules"])
 
 
@@ -237,9 +318,15 @@ def _shown_value(variable: dict[str, Any]) -> str:
     if not variable["bytes"]:
         return "(never set)"
     text = json.dumps(variable["value"], ensure_ascii=False)
-    return f"({variable['bytes']} bytes)" if len(text) > _LONGEST_VALUE or variable["value"] is None else text
+    return (
+        f"({variable['bytes']} bytes)"
+        if len(text) > _LONGEST_VALUE or variable["value"] is None
+        else text
+    )
 
 
 def _table(heads: list[str], rows: Rows) -> str:
     """The rows below their heads; "" without rows."""
-    return "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""
+    return (
+        "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""
+    )

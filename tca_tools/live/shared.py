@@ -1,4 +1,6 @@
-"""The common parts of the commands that talk to a running central: options, errors as one line, how values look."""
+"""The common parts of the commands that talk to a running central: options, errors as one line, how
+values look.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -20,15 +22,23 @@ from tca_wire.text.printable import printable
 
 _PATIENCE = 2.0  # seconds that a person waits for central
 
-central_option = click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
+central_option = click.option(
+    "--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}]."
+)
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
 seconds = click.FloatRange(min=0)
-timeout_option = click.option("--timeout", metavar="SECONDS", type=seconds, help="Wait no longer than this.")
+timeout_option = click.option(
+    "--timeout", metavar="SECONDS", type=seconds, help="Wait no longer than this."
+)
 task_argument = click.argument("task", metavar="TASK")
 
 
-def live_command(name: str, *, epilog: str | None = None) -> Callable[[Callable[..., None]], click.Command]:
-    """Make a command of a function: it gets a client of a running central, and what its own options say."""
+def live_command(
+    name: str, *, epilog: str | None = None
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a command of a function: it gets a client of a running central, and what its own options
+    say.
+    """
 
     def command_of(function: Callable[..., None]) -> click.Command:
         @click.command(name, epilog=epilog)
@@ -45,7 +55,9 @@ def live_command(name: str, *, epilog: str | None = None) -> Callable[[Callable[
 
 @contextmanager
 def as_usage() -> Iterator[None]:
-    """A block in which an error of the library is wrong usage (exit code 2), or says that the answer is no (1)."""
+    """A block in which an error of the library is wrong usage (exit code 2), or says that the
+    answer is no (1).
+    """
     try:
         yield
     except (MisuseError, BadData, BadFormat) as error:
@@ -75,7 +87,9 @@ def plain(value: Any) -> Any:
 
 
 def _plain_part(part: Any) -> Any:
-    """A value that msgspec does not know: a number of a special type, an array, or anything else as text."""
+    """A value that msgspec does not know: a number of a special type, an array, or anything else as
+    text.
+    """
     return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
 
 

@@ -1,4 +1,6 @@
-"""What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
+"""What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and
+``watch``.
+"""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -11,7 +13,14 @@ from tca_module.client import Client
 from tca_module.sending.task_ref import Change, TaskRef
 from tca_tools.live import steering
 from tca_tools.live.messages import HOW, data_argument, read_data
-from tca_tools.live.shared import as_text, json_option, live_command, plain, task_argument, timeout_option
+from tca_tools.live.shared import (
+    as_text,
+    json_option,
+    live_command,
+    plain,
+    task_argument,
+    timeout_option,
+)
 from tca_tools.live.steering import find_task, too_late
 from tca_wire.life_cycles import Effect
 from tca_wire.messages.declarations import TaskMessage
@@ -24,12 +33,15 @@ from tca_wire.text.printable import printable
 
 @live_command("cancel")
 @task_argument
-@click.option("--why", metavar="TEXT", default="", help="The reason, for its handler and those who watch.")
+@click.option(
+    "--why", metavar="TEXT", default="", help="The reason, for its handler and those who watch."
+)
 def cancel(client: Client, task: str, why: str) -> None:
     """Ask for the end of a task.
 
-    TASK is a task's number, or its message's name if only one such task lives. Its handler decides: it may first leave
-    things as they should be, or go on. If it knows of no cancels, the task is killed.
+    TASK is a task's number, or its message's name if only one such task lives. Its handler decides:
+    it may first leave things as they should be, or go on. If it knows of no cancels, the task is
+    killed.
     """
     click.echo(steering.cancel(client, find_task(client, task), why))
 
@@ -39,12 +51,14 @@ def cancel(client: Client, task: str, why: str) -> None:
 @data_argument
 @timeout_option
 @click.option("--no-wait", is_flag=True, help="Do not wait for the word of its handler.")
-def update(client: Client, task: str, data: tuple[str, ...], timeout: float | None, *, no_wait: bool) -> None:
+def update(
+    client: Client, task: str, data: tuple[str, ...], timeout: float | None, *, no_wait: bool
+) -> None:
     """Give a running task a new goal.
 
-    TASK is a task's number, or its message's name if only one such task lives. The command waits until its handler has
-    taken the goal over; the exit code is 1 if it rejects it. If it knows of no updates, the task begins anew. A task of
-    a mission keeps the parameters that are not given.
+    TASK is a task's number, or its message's name if only one such task lives. The command waits
+    until its handler has taken the goal over; the exit code is 1 if it rejects it. If it knows of
+    no updates, the task begins anew. A task of a mission keeps the parameters that are not given.
     """
     if no_wait and timeout is not None:
         raise click.UsageError("--no-wait and --timeout are given: leave one of them out")
@@ -54,12 +68,16 @@ def update(client: Client, task: str, data: tuple[str, ...], timeout: float | No
         raise click.UsageError(f"{message.title} takes no new goal: only goals and commands do")
     goal = _with_present(found, message, read_data(message, data))
     message.encode_data(goal)
-    name = next((one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), "")
+    name = next(
+        (one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), ""
+    )
     if not no_wait or not name:
         found.update(goal, timeout=timeout, message=message)
     elif not found.take(name, goal, message=message):
         raise too_late(found, "given a new goal")
-    click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
+    click.echo(
+        printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal"))
+    )
 
 
 def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
@@ -72,25 +90,37 @@ def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> A
 
 @live_command("watch")
 @click.argument("what", metavar="[MESSAGE|TASK]", required=False)
-@click.option("--state", "states", metavar="STATE", multiple=True, help="Only changes to this state; may be repeated.")
+@click.option(
+    "--state",
+    "states",
+    metavar="STATE",
+    multiple=True,
+    help="Only changes to this state; may be repeated.",
+)
 @click.option("--under", metavar="TASK", help="Only of what is under this task.")
 @json_option
-def watch(client: Client, what: str | None, states: tuple[str, ...], under: str | None, *, in_json: bool) -> None:
+def watch(
+    client: Client, what: str | None, states: tuple[str, ...], under: str | None, *, in_json: bool
+) -> None:
     """Print each change of a task's state as it comes.
 
-    MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those stand that live. It
-    ends with Ctrl-C, or with the task. With --json there is an object a line.
+    MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those
+    stand that live. It ends with Ctrl-C, or with the task. With --json there is an object a line.
     """
     with suppress(KeyboardInterrupt):
         for change in _changes(client, what, states, under):
             click.echo(json_text(plain(_row(change))) if in_json else _line(change))
 
 
-def _changes(client: Client, what: str | None, states: tuple[str, ...], under: str | None) -> Iterable[Change]:
+def _changes(
+    client: Client, what: str | None, states: tuple[str, ...], under: str | None
+) -> Iterable[Change]:
     if what is not None and what.isdecimal() and what.isascii():
         if under is not None:
             raise click.UsageError(f"task {what} is one task: leave --under out")
-        return (one for one in find_task(client, what).changes() if not states or one.state in states)
+        return (
+            one for one in find_task(client, what).changes() if not states or one.state in states
+        )
     if what is not None and what not in {one.name for one in client.messages()}:
         client.declared(what)  # raises an error that names the nearest
     below = find_task(client, under) if under is not None else None
@@ -98,17 +128,35 @@ def _changes(client: Client, what: str | None, states: tuple[str, ...], under: s
 
 
 def _row(change: Change) -> dict[str, Any]:
-    names = ("message", "serial", "state", "transition", "by", "module", "text", "data", "is_late", "is_over", "missed")
+    names = (
+        "message",
+        "serial",
+        "state",
+        "transition",
+        "by",
+        "module",
+        "text",
+        "data",
+        "is_late",
+        "is_over",
+        "missed",
+    )
     fields = {name: getattr(change, name) for name in names}
     return {"time": datetime.now().astimezone().isoformat(), "task": int(change.task.id), **fields}
 
 
 def _line(change: Change) -> str:
     """``12:05:01.250  grasp {7}  running  result available by arm: {"force": 1}``."""
-    said = state_change(change.transition, "", change.module, change.text) if change.transition else ""
+    said = (
+        state_change(change.transition, "", change.module, change.text) if change.transition else ""
+    )
     if change.is_late:
         said = "so far" + (f": {change.text}" if change.text else "")
     data = "" if change.data is None else as_text(change.data)
     missed = f"({counted(change.missed, 'change')} missed)" if change.missed else ""
     told = "  ".join(filter(None, (str(change.task), change.state or "ended", missed, said)))
-    return printable(f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3] + f"  {told}" + (f": {data}" if data else ""))
+    return printable(
+        f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3]
+        + f"  {told}"
+        + (f": {data}" if data else "")
+    )

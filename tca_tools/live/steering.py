@@ -1,5 +1,5 @@
-"""What is done to a living task from outside: it is found, killed, suspended, resumed or handled again. Each of these
-says in a sentence what became of it, and raises ToolError if it came too late.
+"""What is done to a living task from outside: it is found, killed, suspended, resumed or handled
+again. Each of these says in a sentence what became of it, and raises ToolError if it came too late.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,9 @@ def cancel(client: Client, task: TaskRef, why: str = "") -> str:
     cycle, state = read_life_cycle(known.life_cycle if known else ""), task.state
     row = cycle.cancel(state)
     if row is None:
-        raise ToolError(f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it")
+        raise ToolError(
+            f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it"
+        )
     changes = task.changes()
     if not task.take(row.name, why=why):
         raise too_late(task, "cancelled")
@@ -75,7 +77,9 @@ def retry(task: TaskRef) -> str:
     if not task.retry():
         raise too_late(task, "handled again")
     module = info.module if info is not None else ""
-    return f"{task}: to be handled again" + f" when its handler in {module} has returned" * bool(module)
+    return f"{task}: to be handled again" + f" when its handler in {module} has returned" * bool(
+        module
+    )
 
 
 _STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
@@ -88,12 +92,15 @@ _STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
 
 
 def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") -> str:
-    """For a program that shows the run of that epoch: do something to one of its tasks; what became of it.
+    """For a program that shows the run of that epoch: do something to one of its tasks; what became
+    of it.
 
     Raises ToolError if it can't be done.
     """
     if (steers := _STEERS.get(what)) is None:
-        raise ToolError(f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can")
+        raise ToolError(
+            f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can"
+        )
     with talking("view", central) as client:
         if client.status()["epoch"] != epoch:
             raise ToolError(
@@ -105,27 +112,37 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
 def too_late(task: TaskRef, what: str) -> ToolError:
     """Central has done nothing: between the question and the request the task has ended."""
     is_over = task.info() is None
-    state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
+    state = (
+        "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
+    )
     return ToolError(f"{task} {state}: it can't be {what} any more")
 
 
 def find_task(client: Client, named: str) -> TaskRef:
-    """The living task that a number, or a message's name, means. Raises ToolError if it means none, or many."""
+    """The living task that a number, or a message's name, means. Raises ToolError if it means none,
+    or many.
+    """
     if named.isdecimal() and named.isascii():
         return _numbered(client, int(named))
     if not named or not named.isprintable():
-        raise click.UsageError(f"'{printable(named)}' is no task: give the number of a task, or its message's name")
+        raise click.UsageError(
+            f"'{printable(named)}' is no task: give the number of a task, or its message's name"
+        )
     found = client.tasks(named)
     if not found:
         raise ToolError(f"no living task is called '{named}': {_living(client)}")
     if len(found) > 1:
         numbers = listed([str(handle.id) for handle in found], named=_SHOWN)
-        raise ToolError(f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}")
+        raise ToolError(
+            f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}"
+        )
     return found[0]
 
 
 def _living(client: Client) -> str:
-    """Which tasks there are now, in the central that was asked: the newest journal may be another one's."""
+    """Which tasks there are now, in the central that was asked: the newest journal may be another
+    one's.
+    """
     tasks = client.tasks()
     if not tasks:
         return f"no task lives in central at {client.address}"
@@ -134,12 +151,16 @@ def _living(client: Client) -> str:
 
 def _numbered(client: Client, number: int) -> TaskRef:
     if number == ROOT:
-        raise ToolError(f"task 0 is the root, which never ends: give the number of a task; {_living(client)}")
+        raise ToolError(
+            f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
+        )
     try:
         handle = client.task(number)
     except Refused as refused:
         raise ToolError(f"{refused.text}: {_living(client)}") from None
     info = handle.info() if handle is not None else None
     if handle is None or info is None or info.outcome:
-        raise ToolError(f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG")
+        raise ToolError(
+            f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
+        )
     return handle

@@ -1,5 +1,5 @@
-"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``, ``unlock``
-and ``detach``.
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``,
+``raise``, ``unlock`` and ``detach``.
 """
 
 from typing import Any, NamedTuple
@@ -26,16 +26,27 @@ _SHOWN = 10  # tasks that one name may mean
 @task_argument
 @click.option("--descendants", is_flag=True, help="End only what is under it, not the task itself.")
 @click.option("--siblings", is_flag=True, help="End only the other children of its parent.")
-@click.option("--in", "delay", metavar="SECONDS", type=seconds, default=0.0, help="Do it so many seconds from now.")
+@click.option(
+    "--in",
+    "delay",
+    metavar="SECONDS",
+    type=seconds,
+    default=0.0,
+    help="Do it so many seconds from now.",
+)
 @click.option("--why", metavar="TEXT", default="", help="The reason, for those who wait for it.")
-def kill(client: Client, task: str, delay: float, why: str, *, descendants: bool, siblings: bool) -> None:
+def kill(
+    client: Client, task: str, delay: float, why: str, *, descendants: bool, siblings: bool
+) -> None:
     """End a task and everything under it.
 
-    TASK is a task's number, or its message's name if only one such task lives. Running handlers are told, not
-    interrupted: the task ends when they have returned.
+    TASK is a task's number, or its message's name if only one such task lives. Running handlers are
+    told, not interrupted: the task ends when they have returned.
     """
     if descendants and siblings:
-        raise click.UsageError("--descendants and --siblings are given: kill them one after the other")
+        raise click.UsageError(
+            "--descendants and --siblings are given: kill them one after the other"
+        )
     scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
     click.echo(steering.kill(find_task(client, task), why, delay, scope))
 
@@ -45,8 +56,8 @@ def kill(client: Client, task: str, delay: float, why: str, *, descendants: bool
 def suspend(client: Client, task: str) -> None:
     """Start nothing more of a task until it is resumed.
 
-    TASK is a task's number, or its message's name if only one such task lives. Nothing under it is started either.
-    Running handlers are told; they may hold or finish.
+    TASK is a task's number, or its message's name if only one such task lives. Nothing under it is
+    started either. Running handlers are told; they may hold or finish.
     """
     click.echo(steering.suspend(find_task(client, task)))
 
@@ -56,13 +67,15 @@ def suspend(client: Client, task: str) -> None:
 def resume(client: Client, task: str | None) -> None:
     """Let a suspended task go on, with everything under it.
 
-    TASK is a task's number, or its message's name if only one such task lives. Without TASK: let tasks start again
-    after a restart of central, whoever has not come back yet.
+    TASK is a task's number, or its message's name if only one such task lives. Without TASK: let
+    tasks start again after a restart of central, whoever has not come back yet.
     """
     if task is not None:
         click.echo(steering.resume(find_task(client, task)))
     else:
-        click.echo("tasks start again" if client.go_on() else "no tasks are held back: nothing to be done")
+        click.echo(
+            "tasks start again" if client.go_on() else "no tasks are held back: nothing to be done"
+        )
 
 
 @live_command("retry")
@@ -70,8 +83,9 @@ def resume(client: Client, task: str | None) -> None:
 def retry(client: Client, task: str) -> None:
     """Handle a task again, from the beginning.
 
-    TASK is a task's number, or its message's name if only one such task lives. All under it is killed first, except
-    monitors of others. A running handler is told; the task begins anew when it has returned.
+    TASK is a task's number, or its message's name if only one such task lives. All under it is
+    killed first, except monitors of others. A running handler is told; the task begins anew when it
+    has returned.
     """
     click.echo(steering.retry(find_task(client, task)))
 
@@ -84,8 +98,9 @@ def retry(client: Client, task: str) -> None:
 def raise_failure(client: Client, task: str, failure: str, text: str, data: str | None) -> None:
     """Raise a failure on a task, as if its handler had.
 
-    TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
-    called; without one the top-level task ends. FAILURE is any name; TEXT says for people what happened.
+    TASK is a task's number, or its message's name if only one such task lives. The nearest
+    exception handler is called; without one the top-level task ends. FAILURE is any name; TEXT says
+    for people what happened.
     """
     handle = find_task(client, task)
     if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
@@ -95,14 +110,18 @@ def raise_failure(client: Client, task: str, failure: str, text: str, data: str 
 
 @live_command("unlock")
 @click.argument("resource")
-@click.option("--module", metavar="NAME", help="The module that has it, if several have one of that name.")
+@click.option(
+    "--module", metavar="NAME", help="The module that has it, if several have one of that name."
+)
 def unlock(client: Client, resource: str, module: str | None) -> None:
     """Take away a lock or reservation of RESOURCE.
 
     Its holder may still count on it: look at 'tca modules' first.
     """
     was_held = client.unlock(resource, module)
-    click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
+    click.echo(
+        f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it")
+    )
 
 
 @live_command("detach")
@@ -111,10 +130,12 @@ def unlock(client: Client, resource: str, module: str | None) -> None:
 def detach(client: Client, what: str | None, *, stale: bool) -> None:
     """Take away an exception handler, wiretap or monitor.
 
-    WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor if only one has it.
-    What it has sent goes on. The module that attached it is not told, and may still count on it.
+    WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor
+    if only one has it. What it has sent goes on. The module that attached it is not told, and may
+    still count on it.
 
-    With --stale, all goes that a module which has come back had attached in an earlier run, and has not in this one.
+    With --stale, all goes that a module which has come back had attached in an earlier run, and has
+    not in this one.
     """
     if stale == (what is not None):
         raise click.UsageError("give a number or name, or --stale")
@@ -129,7 +150,9 @@ def _detach_stale(client: Client) -> None:
     found = [one for one in _all_attached(known) if one.left_by]
     for one in found:
         whose = listed([f"'{name}'" for name in one.left_by])
-        _detach(client, one._replace(text=f"{one.text}, which {whose} had attached in an earlier run"))
+        _detach(
+            client, one._replace(text=f"{one.text}, which {whose} had attached in an earlier run")
+        )
     if cut := attached_in_all(known):
         click.echo(f"of {cut} only the first were looked at: do it again")
     elif not found:
@@ -155,7 +178,9 @@ def _find_attached(client: Client, what: str) -> _Attached:
     there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None
     if cut and number is None:
-        raise ToolError(f"there are {cut}, and central names only the first: give a number, not a name")
+        raise ToolError(
+            f"there are {cut}, and central names only the first: give a number, not a name"
+        )
     found = [one for one in there if (one.name == what if number is None else one.number == number)]
     if len(found) == 1:
         return found[0]
@@ -164,8 +189,14 @@ def _find_attached(client: Client, what: str) -> _Attached:
     if found:
         msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
     else:
-        why = f"nothing called '{what}' is attached" if number is None else _not_attached(client, number)
-        msg = f"{why}; " + (f"attached are {_listed(there)}" if there else "nothing at all is attached")
+        why = (
+            f"nothing called '{what}' is attached"
+            if number is None
+            else _not_attached(client, number)
+        )
+        msg = f"{why}; " + (
+            f"attached are {_listed(there)}" if there else "nothing at all is attached"
+        )
     raise ToolError(msg)
 
 

@@ -32,10 +32,16 @@ _TERMINATED = 128 + signal.SIGTERM
 @central_option
 @json_option
 @click.option(
-    "--every", metavar="SECONDS", type=click.FloatRange(min=_QUICKEST), default=1.0, show_default=True,
+    "--every",
+    metavar="SECONDS",
+    type=click.FloatRange(min=_QUICKEST),
+    default=1.0,
+    show_default=True,
     help="How often it is refreshed.",
-)  # fmt: skip
-@click.option("--once", is_flag=True, help="Print it once, with the rates of the whole run, and end.")
+)
+@click.option(
+    "--once", is_flag=True, help="Print it once, with the rates of the whole run, and end."
+)
 def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None:
     """Watch what is busy and what waits, in a running central.
 
@@ -75,7 +81,9 @@ def _end(_number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def _typed_keys() -> Iterator[int | None]:
-    """The file from which keys can be read as they are typed; None without a terminal, which is restored afterwards."""
+    """The file from which keys can be read as they are typed; None without a terminal, which is
+    restored afterwards.
+    """
     if not sys.stdin.isatty():
         yield None
         return
@@ -98,7 +106,9 @@ def _watch(central: "_Central", every: float, keys: int | None) -> None:
     with looks.live(terminal) as live:
         while True:
             shown = central.ask() or shown
-            live.update(looks.screen(shown, central.address, central.trouble, terminal.height), refresh=True)
+            live.update(
+                looks.screen(shown, central.address, central.trouble, terminal.height), refresh=True
+            )
             if select.select([] if keys is None else [keys], [], [], every)[0] and keys is not None:
                 typed = os.read(keys, 64)
                 if typed in (b"q", b"Q", b"\x1b"):
@@ -119,7 +129,9 @@ class _Central:
         self._heard = time.monotonic()
 
     def ask(self) -> Frame | None:
-        """How it is now; None if central does not say. Raises UsageError if there can be no such central."""
+        """How it is now; None if central does not say. Raises UsageError if there can be no such
+        central.
+        """
         try:
             if self._client is None:
                 self._client = connect(_NAME, self._asked, patience=_PATIENCE)

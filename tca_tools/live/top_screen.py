@@ -1,4 +1,6 @@
-"""How ``tca top`` looks: tables that fit the terminal. The only file of this package that imports rich."""
+"""How ``tca top`` looks: tables that fit the terminal. The only file of this package that imports
+rich.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -19,9 +21,12 @@ _HEAD, _TABLE = 2, 3
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
 _SPARED = ("messages",), ("messages", "held"), ("messages", "held", "resources")
-_TRIES: Sequence[tuple[int, tuple[str, ...]]] = ((4, ()), *((rows, out) for out in _SPARED for rows in (4, 3, 2)))
-"""Rows that each table gets at least, and tables that are left out where there is no room for them: what somebody waits
-for is shown as long as anything is.
+_TRIES: Sequence[tuple[int, tuple[str, ...]]] = (
+    (4, ()),
+    *((rows, out) for out in _SPARED for rows in (4, 3, 2)),
+)
+"""Rows that each table gets at least, and tables that are left out where there is no room for them:
+what somebody waits for is shown as long as anything is.
 """
 _GROW = ("waits", "resources", "suspended", "held", "messages")
 """These get the rows that are left, one by one in turn."""
@@ -40,14 +45,20 @@ def live(terminal: Console) -> Live:
     return Live(console=terminal, screen=True, auto_refresh=False, vertical_overflow="crop")
 
 
-def screen(shown: Frame | None, address: str, trouble: str, height: int | None = None) -> RenderableType:
-    """A frame, with what is wrong (*trouble*) above it, in so many lines (None: as many as it needs)."""
+def screen(
+    shown: Frame | None, address: str, trouble: str, height: int | None = None
+) -> RenderableType:
+    """A frame, with what is wrong (*trouble*) above it, in so many lines (None: as many as it
+    needs).
+    """
     if shown is None:
         return Text(f"central at {address} is away: {trouble}", style="bold red")
     tables = _tables(shown)
     rooms = _rooms(tables, None if height is None else height - _HEAD - bool(trouble))
     parts = [tables[name]._replace(room=room) for name, room in rooms.items()]
-    warning = [Text(f"central is away: {trouble}. This is how it was:", style="bold red", **_ONE_LINE)] * bool(trouble)
+    warning = [
+        Text(f"central is away: {trouble}. This is how it was:", style="bold red", **_ONE_LINE)
+    ] * bool(trouble)
     absent = ", ".join(name for name in tables if name not in rooms)
     no_room = [Text(f"no room for: {absent}", style="dim", **_ONE_LINE)] * bool(absent)
     return Group(*warning, _heading(shown, address), *parts, *no_room)
@@ -56,15 +67,25 @@ def screen(shown: Frame | None, address: str, trouble: str, height: int | None =
 def _tables(shown: Frame) -> dict[str, "_Lines"]:
     """The tables, from the top to the bottom."""
     tables = {
-        "resources": _Lines(_RESOURCES, shown.resources, _resource_cells, "no module offers to handle anything"),
-        "messages": _Lines(_MESSAGES, shown.messages, _message_cells, "no messages have been declared"),
+        "resources": _Lines(
+            _RESOURCES, shown.resources, _resource_cells, "no module offers to handle anything"
+        ),
+        "messages": _Lines(
+            _MESSAGES, shown.messages, _message_cells, "no messages have been declared"
+        ),
     }
     if shown.waits or not (shown.held or shown.suspended):
-        tables["waits"] = _Lines(_WAITS, shown.waits, _wait_cells, "nobody waits", shown.totals["waits"])
+        tables["waits"] = _Lines(
+            _WAITS, shown.waits, _wait_cells, "nobody waits", shown.totals["waits"]
+        )
     if shown.suspended:
-        tables["suspended"] = _Lines(_SUSPENDED, shown.suspended, _suspended_cells, "", shown.totals["suspended"])
+        tables["suspended"] = _Lines(
+            _SUSPENDED, shown.suspended, _suspended_cells, "", shown.totals["suspended"]
+        )
     if shown.held:
-        among = f" among the {shown.tasks - shown.not_looked_at} oldest tasks" * (shown.not_looked_at > 0)
+        among = f" among the {shown.tasks - shown.not_looked_at} oldest tasks" * (
+            shown.not_looked_at > 0
+        )
         tables["held"] = _Lines(_HELD, shown.held, _wait_cells, "", shown.totals["held"], among)
     return tables
 
@@ -81,7 +102,9 @@ def _heading(shown: Frame, address: str) -> Text:
 
 
 def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
-    """How many rows each table gets: what one does not need is for the others. Some may be left out."""
+    """How many rows each table gets: what one does not need is for the others. Some may be left
+    out.
+    """
     needed = {name: max(len(table.lines), 1) + table.is_cut for name, table in tables.items()}
     if height is None:
         return needed
@@ -92,7 +115,9 @@ def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
         left = height - _TABLE * len(rooms) - sum(rooms.values()) - (len(rooms) < len(tables))
         if left >= 0:
             break
-    while left > 0 and (short := [name for name in _GROW if name in rooms and rooms[name] < needed[name]]):
+    while left > 0 and (
+        short := [name for name in _GROW if name in rooms and rooms[name] < needed[name]]
+    ):
         for name in short[:left]:
             rooms[name] += 1
         left -= len(short)
@@ -102,21 +127,32 @@ def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
 Column = tuple[str, dict[str, Any]]
 _NUMBER: dict[str, Any] = {"justify": "right", "no_wrap": True}
 _RESOURCES: Sequence[Column] = (
-    ("resource", {**_ONE_LINE, "max_width": 30}), ("busy", _NUMBER), ("msg/s", _NUMBER), ("waiting", _NUMBER),
+    ("resource", {**_ONE_LINE, "max_width": 30}),
+    ("busy", _NUMBER),
+    ("msg/s", _NUMBER),
+    ("waiting", _NUMBER),
     ("handling", {**_ONE_LINE, "ratio": 1}),
-)  # fmt: skip
+)
 _MESSAGES: Sequence[Column] = (
-    ("message", {**_ONE_LINE, "ratio": 2}), ("class", {**_ONE_LINE, "ratio": 1}), ("msg/s", _NUMBER),
-    ("runs", _NUMBER), ("failed runs", _NUMBER), ("dropped", _NUMBER), ("no handler", _NUMBER),
-)  # fmt: skip
+    ("message", {**_ONE_LINE, "ratio": 2}),
+    ("class", {**_ONE_LINE, "ratio": 1}),
+    ("msg/s", _NUMBER),
+    ("runs", _NUMBER),
+    ("failed runs", _NUMBER),
+    ("dropped", _NUMBER),
+    ("no handler", _NUMBER),
+)
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),
     ("longest first", {**_ONE_LINE, "ratio": 1}),
     ("", {**_ONE_LINE, "ratio": 2}),
 )
 _SUSPENDED: Sequence[Column] = (
-    ("suspended for", _NUMBER), *_WAITS[1:2], ("by", {**_ONE_LINE, "ratio": 1}), ("until", {**_ONE_LINE, "ratio": 1}),
-)  # fmt: skip
+    ("suspended for", _NUMBER),
+    *_WAITS[1:2],
+    ("by", {**_ONE_LINE, "ratio": 1}),
+    ("until", {**_ONE_LINE, "ratio": 1}),
+)
 _HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("", {**_ONE_LINE, "ratio": 2}))
 
 
@@ -141,7 +177,12 @@ class _Lines(NamedTuple):
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         table = Table(
-            box=SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="dim"
+            box=SIMPLE_HEAD,
+            expand=True,
+            padding=(0, 1, 0, 0),
+            pad_edge=False,
+            show_edge=False,
+            header_style="dim",
         )
         for name, how in self.columns:
             table.add_column(name, **how)
@@ -158,25 +199,44 @@ class _Lines(NamedTuple):
 
 
 def _resource_cells(line: ResourceLine, is_wide: bool) -> list[Text | str]:
-    """Several slots stand at the name; who has it to itself, and blocked slots, at what is handled."""
+    """Several slots stand at the name; who has it to itself, and blocked slots, at what is
+    handled.
+    """
     name = line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}"
     full = round(line.busy * _BAR)
     bar = (("█" * full, "green"), ("░" * (_BAR - full) + " ", "dim")) if is_wide else ()
     busy = Text.assemble(*bar, (f"{line.busy:4.0%}", "" if is_wide or not full else "green"))
-    waiting = Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest)) if line.waiting else Text()
+    waiting = (
+        Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest))
+        if line.waiting
+        else Text()
+    )
     held = f"{printable(line.held)}  " * bool(line.held)
-    blocked = f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
+    blocked = (
+        f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
+    )
     handling = printable(f"{line.handling}  {_time(line.seconds)}") if line.handling else ""
     slots = f" x{line.capacity}" * (line.capacity > 1)
     return [
-        printable(name) + slots, busy, _rate(line.rate), waiting, Text.assemble((held + blocked, "yellow"), handling)
-    ]  # fmt: skip
+        printable(name) + slots,
+        busy,
+        _rate(line.rate),
+        waiting,
+        Text.assemble((held + blocked, "yellow"), handling),
+    ]
 
 
 def _message_cells(line: MessageLine, _: bool) -> list[Text | str]:
     bad = [Text(str(number or ""), style="red") for number in (line.failed, line.dropped)]
     waiting = Text(str(line.waiting or ""), style="yellow")
-    return [printable(line.message), line.message_class, _rate(line.rate), str(line.delivered), *bad, waiting]
+    return [
+        printable(line.message),
+        line.message_class,
+        _rate(line.rate),
+        str(line.delivered),
+        *bad,
+        waiting,
+    ]
 
 
 def _wait_cells(line: WaitLine, _: bool) -> list[Text | str]:

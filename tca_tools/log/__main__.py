@@ -1,4 +1,6 @@
-"""``tca log``: a journal as text, one line a fact; which runs there are, and the removal of old ones."""
+"""``tca log``: a journal as text, one line a fact; which runs there are, and the removal of old
+ones.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
@@ -28,7 +30,9 @@ _KIND_WIDTH = max(map(len, KINDS))
 _LINES_AT_ONCE = 500
 
 
-_folder_argument = click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+_folder_argument = click.argument(
+    "folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path)
+)
 
 
 @click.group()
@@ -55,14 +59,21 @@ def log() -> None:
     help="Only facts of this kind (repeatable).",
 )
 def show(
-    log_path: Path | None, as_json: bool, classic: bool, follow: bool, task: str | None, kinds: tuple[str, ...]
+    log_path: Path | None,
+    as_json: bool,
+    classic: bool,
+    follow: bool,
+    task: str | None,
+    kinds: tuple[str, ...],
 ) -> None:
     """Show a journal, one line a fact.
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
     if classic and (as_json or kinds or task is not None):
-        raise click.UsageError("--classic shows whole messages, not facts: leave out --json, --kind and --task")
+        raise click.UsageError(
+            "--classic shows whole messages, not facts: leave out --json, --kind and --task"
+        )
     journal = open_log(log_path)
     if follow:
         journal.tell()
@@ -73,7 +84,10 @@ def show(
     else:
         render = _json_lines if as_json else _text_lines
         lines = render(
-            entries, lambda fact: (about is None or about.is_told_by(fact)) and (not kinds or kind_of(fact) in kinds)
+            entries,
+            lambda fact: (
+                (about is None or about.is_told_by(fact)) and (not kinds or kind_of(fact) in kinds)
+            ),
         )
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
         click.echo("\n".join(chunk))
@@ -87,8 +101,8 @@ def show(
 def runs(folder: Path | None) -> None:
     """List the runs that lie in a folder, oldest first, as they are named as LOG.
 
-    Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all commands take one of
-    them as FOLDER#NUMBER, and without a number the last.
+    Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all
+    commands take one of them as FOLDER#NUMBER, and without a number the last.
     """
     folders = [open_log(folder).path] if folder else [*run_folders()][::-1]
     if not folders:
@@ -97,20 +111,35 @@ def runs(folder: Path | None) -> None:
     width = max((columns_of(name) for name, _, _ in found), default=0)
     for name, opened, log in found:
         segments, live = counted(len(log.segments()), "segment"), ", goes on" * log.is_being_written
-        click.echo(f"{padded(printable(name), width)}  began {_date(opened.began)}, {segments}{live}")
+        click.echo(
+            f"{padded(printable(name), width)}  began {_date(opened.began)}, {segments}{live}"
+        )
 
 
 @log.command()
 @_folder_argument
-@click.option("--keep", metavar="AGE", type=AGE, help="Remove runs that ended longer ago: 30d, 12h, 90min, 2w.")
-@click.option("--keep-bytes", metavar="SIZE", type=SIZE, help="Remove the oldest, down to this size: 500M, 10G.")
+@click.option(
+    "--keep",
+    metavar="AGE",
+    type=AGE,
+    help="Remove runs that ended longer ago: 30d, 12h, 90min, 2w.",
+)
+@click.option(
+    "--keep-bytes",
+    metavar="SIZE",
+    type=SIZE,
+    help="Remove the oldest, down to this size: 500M, 10G.",
+)
 @click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
-def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, dry_run: bool) -> None:
+def prune(
+    folder: Path | None, keep: float | None, keep_bytes: float | None, *, dry_run: bool
+) -> None:
     """Remove old runs, with the inputs and images that recovery needs.
 
-    FOLDER is a journal folder, in which one or several runs lie, or a folder of such folders; without it, central's
-    folder of journals. A run that a central writes stays, and the newest that ended without a goodbye: it may go on. Of
-    these the tasks and messages go that ended longer ago, or the oldest of them. The rest stays readable.
+    FOLDER is a journal folder, in which one or several runs lie, or a folder of such folders;
+    without it, central's folder of journals. A run that a central writes stays, and the newest that
+    ended without a goodbye: it may go on. Of these the tasks and messages go that ended longer ago,
+    or the oldest of them. The rest stays readable.
     """
     if keep is None and keep_bytes is None:
         raise click.UsageError("say what to keep: --keep 30d, --keep-bytes 10G, or both")
@@ -130,7 +159,9 @@ def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, 
         ended = EndedTasks(run.files)
         until = ended.until(keep, None if keep_bytes is None else keep_bytes - (left - run.size))
         if (bytes_gone := ended.remove(until, dry_run=dry_run)) > 0:
-            click.echo(f"{printable(run.name)}: {size(bytes_gone)} of what had ended by {until:.0f} s {verb}")
+            click.echo(
+                f"{printable(run.name)}: {size(bytes_gone)} of what had ended by {until:.0f} s {verb}"
+            )
             left -= bytes_gone
     removed = f"{counted(len(gone), 'run')} {verb} ({size(sum(run.size for run in gone))})"
     click.echo(f"{removed}, {counted(len(stored) - len(gone), 'run')} left ({size(left)})")
@@ -148,7 +179,9 @@ def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> 
 
 
 def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
-    """Each wanted fact as an aligned line: time, kind, words, data; the first of an entry says what that came from."""
+    """Each wanted fact as an aligned line: time, kind, words, data; the first of an entry says what
+    that came from.
+    """
     wording, width = Wording(), line_width()
     for entry in entries:
         cause = f"  ({wording.cause(entry.cause)})" if entry.cause else ""
@@ -162,13 +195,21 @@ def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> 
 def _text_line(time: float, fact: Fact, words: str, cause: str, width: int | None) -> str:
     kind, data = kind_of(fact), data_text(getattr(fact, "body", b""))
     start = f"{time:10.3f}  "
-    rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "") + printable(cause)
+    rest = (
+        f"{kind:{_KIND_WIDTH}}  {printable(words)}"
+        + (f"  {data}" if data else "")
+        + printable(cause)
+    )
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
-    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
+    return click.style(start, dim=True) + (
+        click.style(rest, fg="red") if kind in BAD_NEWS else rest
+    )
 
 
 class _About:
-    """The task or message of a number, or all of a name, as their facts come. Give it all facts, then ``check`` it."""
+    """The task or message of a number, or all of a name, as their facts come. Give it all facts,
+    then ``check`` it.
+    """
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -184,7 +225,9 @@ class _About:
             if fact.message == self._text:
                 self._numbers.add(fact.id)
         elif isinstance(fact, Queued | Delivered) and fact.message_id in self._numbers:
-            self._numbers.add(fact.id)  # what comes of a copy, or of another try, is told by its own number
+            self._numbers.add(
+                fact.id
+            )  # what comes of a copy, or of another try, is told by its own number
         is_told = not self._numbers.isdisjoint(_told_of(fact))
         self._is_found |= is_told
         return is_told
@@ -197,6 +240,8 @@ class _About:
 
 def _told_of(fact: Fact) -> Iterator[int | None]:
     """The messages that a fact is about, or whose handlers did what it tells."""
-    yield from (getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin"))
+    yield from (
+        getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin")
+    )
     for constraint in getattr(fact, "constraints", []):
         yield from (constraint.before.task, constraint.after.task)

@@ -1,12 +1,14 @@
-"""A journal in the words of TCA's own message log (TCA 8.5, ``central -lmstdrp``), for old eyes and old tools.
+"""A journal in the words of TCA's own message log (TCA 8.5, ``central -lmstdrp``), for old eyes and
+old tools.
 
     Goal           take steps {3}:    gait planner {1} --> Resource gait   (Pending)  8:20:22.65
     Goal           take steps {3}:   Resource gait     --> gait planner    (Sent)     8:20:22.66
       Success      take steps {3}:                                                    8:20:22.90
 
-What that log had no words for is left out: constraints, moments, times below a hundredth. Three lines have no
-counterpart in TCA, and say what was silent there: ``Dropped``, ``Retry`` and ``Recovered``. FireDemon is missing, since
-only what a demon monitor then sends is recorded. Times are UTC.
+What that log had no words for is left out: constraints, moments, times below a hundredth. Three
+lines have no counterpart in TCA, and say what was silent there: ``Dropped``, ``Retry`` and
+``Recovered``. FireDemon is missing, since only what a demon monitor then sends is recorded. Times
+are UTC.
 """
 
 import textwrap
@@ -40,7 +42,11 @@ def classic_lines(entries: Iterable[facts.Entry]) -> Iterator[str]:
     for entry in entries:
         log.run.apply(entry)
         log.time = entry.time
-        log.moved = {fact.message_id for fact in entry.facts if isinstance(fact, facts.Queued | facts.Delivered)}
+        log.moved = {
+            fact.message_id
+            for fact in entry.facts
+            if isinstance(fact, facts.Queued | facts.Delivered)
+        }
         log.dropped = {fact.id for fact in entry.facts if isinstance(fact, facts.Dropped)}
         for fact in entry.facts:
             yield from log.moves(fact)
@@ -73,26 +79,43 @@ class _Log:
                 yield from self._move(fact.id, "ON HOLD", "(Inactive)")
             case facts.Delivered():
                 yield from self._move(fact.id, fact.module, "(Sent)", stays=False)
-            case facts.Reached() if fact.moments & START_HANDLING and not self._is_killed(fact.task):
-                if self.run.tasks[fact.task].message_class.is_monitor:  # which central carries out itself
+            case facts.Reached() if fact.moments & START_HANDLING and not self._is_killed(
+                fact.task
+            ):
+                if self.run.tasks[
+                    fact.task
+                ].message_class.is_monitor:  # which central carries out itself
                     yield from self._move(fact.task, "TCA Server", "(Sent)", stays=False)
 
     def endings(self, fact: facts.Fact) -> Iterator[str]:
         """The lines of what became of a message."""
         match fact:
-            case facts.Returned() if fact.outcome is Outcome.DONE:  # a failure comes with a fact of its own
+            case facts.Returned() if (
+                fact.outcome is Outcome.DONE
+            ):  # a failure comes with a fact of its own
                 yield from self._returned(fact)
             case facts.Failed():
-                yield self._line("  Failure", fact.id, f" {fact.failure}" + (f": {fact.text}" if fact.text else ""))
+                yield self._line(
+                    "  Failure",
+                    fact.id,
+                    f" {fact.failure}" + (f": {fact.text}" if fact.text else ""),
+                )
             case facts.Dropped():
                 name = self.run.name(fact.id) if fact.id in self.run.messages else fact.message
-                yield self._line("  Dropped", fact.id, f" {fact.why}" + (f": {fact.where}" * bool(fact.where)), name)
+                yield self._line(
+                    "  Dropped",
+                    fact.id,
+                    f" {fact.why}" + (f": {fact.where}" * bool(fact.where)),
+                    name,
+                )
             case facts.Retried():
                 yield self._line("  Retry", fact.task, by_whom(fact.by))
             case facts.Recovered():
                 yield self._line("  Recovered", fact.task)
             case facts.MonitorEnded():
-                yield self._line("Monitor", fact.monitor, f"{'':>{2 * _ROUTE_WIDTH + 5}} (Completed)")
+                yield self._line(
+                    "Monitor", fact.monitor, f"{'':>{2 * _ROUTE_WIDTH + 5}} (Completed)"
+                )
 
     def remarks(self, fact: facts.Fact) -> Iterator[str]:
         """The lines without a time."""
@@ -117,8 +140,8 @@ class _Log:
                 yield f"Tap Message of {describe(fact.tapped)} Ignored: No Handler"
 
     def _move(self, delivery: int, target: str, state: str, *, stays: bool = True) -> Iterator[str]:
-        """A message goes somewhere; its data are told the first time. Copies have numbers of their own, a task keeps
-        its number. What was sent before the journal began is not told of.
+        """A message goes somewhere; its data are told the first time. Copies have numbers of their
+        own, a task keeps its number. What was sent before the journal began is not told of.
         """
         message = self.run.delivered(delivery)
         if message is not None:
@@ -142,7 +165,10 @@ class _Log:
         else:
             number = message.id if isinstance(message, Task) else fact.id
             yield self._line(
-                "  Success" if kind.is_task and not kind.is_monitor else "  Done", number, "", message.name
+                "  Success" if kind.is_task and not kind.is_monitor else "  Done",
+                number,
+                "",
+                message.name,
             )
 
     def _is_killed(self, delivery: int) -> bool:
@@ -156,7 +182,9 @@ class _Log:
         width = _CLASS_WIDTH + _NAME_WIDTH + 2 * _ROUTE_WIDTH + _STATE_WIDTH + 12
         hundredths = int(((self.run.began or 0.0) + self.time) * 100 + 1e-6)
         seconds = hundredths // 100 % 86_400
-        clock = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{hundredths % 100:02d}"
+        clock = (
+            f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{hundredths % 100:02d}"
+        )
         return f"{line:<{width}} {clock}"
 
 

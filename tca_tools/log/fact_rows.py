@@ -15,8 +15,8 @@ BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
 
 
 def fact_row(entry: Entry, fact: Fact) -> dict[str, Any]:
-    """A fact's fields, its body decoded as *data*. *t* is its time (s), *entry* the number of its entry, and *cause*
-    what that came from, if it is known.
+    """A fact's fields, its body decoded as *data*. *t* is its time (s), *entry* the number of its
+    entry, and *cause* what that came from, if it is known.
     """
     fields = {name: _plain(value) for name, value in fields_of(fact).items()}
     if hasattr(fact, "body"):
@@ -33,7 +33,9 @@ def _plain(value: Any) -> Any:
         case list():
             return [_plain(one) for one in value]
         case Constraint(before, after, delay):
-            return {"before": _plain(before), "after": _plain(after)} | ({"delay": delay} if delay else {})
+            return {"before": _plain(before), "after": _plain(after)} | (
+                {"delay": delay} if delay else {}
+            )
         case Point(task, moment):
             return {"task": task, "moment": ", ".join(describe_moments(moment))}
     return value

@@ -1,7 +1,8 @@
-"""Which runs of a folder are old or too much, and their removal. Knows files; knows nothing of what facts mean.
+"""Which runs of a folder are old or too much, and their removal. Knows files; knows nothing of what
+facts mean.
 
-A run goes as a whole, with the inputs and images of central's state that lie beside its segments. What none of tca
-has written stays, and so do links: what lies elsewhere is pruned where it is.
+A run goes as a whole, with the inputs and images of central's state that lie beside its segments.
+What none of tca has written stays, and so do links: what lies elsewhere is pruned where it is.
 """
 
 import time
@@ -33,8 +34,14 @@ class StoredRun(NamedTuple):
 
 
 def stored_runs(folder: Path) -> list[StoredRun]:
-    """The runs in a folder, or in the folders right in it, by their ends. Raises UnusableLog if there are none."""
-    journals = [folder] if segments_in(folder) else by_number(one for one in listed(folder) if _is_journal(one))
+    """The runs in a folder, or in the folders right in it, by their ends. Raises UnusableLog if
+    there are none.
+    """
+    journals = (
+        [folder]
+        if segments_in(folder)
+        else by_number(one for one in listed(folder) if _is_journal(one))
+    )
     numbered = [journal for journal in journals if run_number(journal)]
     runs = _in_order([run for journal in numbered for run in _runs_in(journal)])
     for journal in journals[: len(journals) - len(numbered)]:
@@ -42,16 +49,24 @@ def stored_runs(folder: Path) -> list[StoredRun]:
     runs.sort(key=lambda run: run.ended)
     if not runs:
         raise UnusableLog(f"{folder}: no runs lie there")
-    crashed = next((run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None)
-    return [run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on") for run in runs]
+    crashed = next(
+        (run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None
+    )
+    return [
+        run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on")
+        for run in runs
+    ]
 
 
 def _in_order(runs: list[StoredRun]) -> list[StoredRun]:
-    """Runs that follow each other, with ends in that order. A run whose clock showed an earlier time than one before it
-    had no clock that knew the day: it may have ended as late as the next one, or now.
+    """Runs that follow each other, with ends in that order. A run whose clock showed an earlier
+    time than one before it had no clock that knew the day: it may have ended as late as the next
+    one, or now.
     """
     found, after = list[StoredRun](), time.time()
-    for run, latest in reversed([*zip(runs, accumulate((run.ended for run in runs), max), strict=True)]):
+    for run, latest in reversed(
+        [*zip(runs, accumulate((run.ended for run in runs), max), strict=True)]
+    ):
         after = latest if run.ended == latest else max(after, latest)
         found.append(run._replace(ended=after))
     return found[::-1]
@@ -70,12 +85,16 @@ def _runs_in(journal: Path) -> Iterator[StoredRun]:
         stats = [path.stat() for path in files[opened.epoch] if path.exists()]
         ended = max(one.st_mtime for one in stats)
         kept = "a central writes it" if log.is_being_written else ""
-        yield StoredRun(name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept)
+        yield StoredRun(
+            name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept
+        )
 
 
-def superfluous(runs: list[StoredRun], keep: float | None, keep_bytes: float | None) -> list[StoredRun]:
-    """Those that ended more than *keep* seconds ago, and the oldest ones until the others have so many bytes; whether
-    or not they must stay.
+def superfluous(
+    runs: list[StoredRun], keep: float | None, keep_bytes: float | None
+) -> list[StoredRun]:
+    """Those that ended more than *keep* seconds ago, and the oldest ones until the others have so
+    many bytes; whether or not they must stay.
     """
     found, total = [], sum(run.size for run in runs)
     for run in runs:
@@ -87,8 +106,8 @@ def superfluous(runs: list[StoredRun], keep: float | None, keep_bytes: float | N
 
 
 def remove(run: StoredRun, *, with_folder: bool) -> None:
-    """Remove the files of a run; its goodbye is the last to go, so that half of it is never taken for a run that may
-    go on. *with_folder*: the folder, too, if nothing else is in it.
+    """Remove the files of a run; its goodbye is the last to go, so that half of it is never taken
+    for a run that may go on. *with_folder*: the folder, too, if nothing else is in it.
     """
     try:
         for path in run.files:

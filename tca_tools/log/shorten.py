@@ -1,8 +1,10 @@
-"""Removes ended tasks and messages from the journal of a run that continues. Knows facts; writes whole segments anew.
+"""Removes ended tasks and messages from the journal of a run that continues. Knows facts; writes
+whole segments anew.
 
-A fact goes when all tasks and messages that it is about ended before a moment of the run's clock. A task that stays
-keeps its ancestors, so every tree still has its root. The newest segment, which central writes, is not touched, nor are
-those that a recovery compares with the inputs: they are newer than the oldest inputs that lie there.
+A fact goes when all tasks and messages that it is about ended before a moment of the run's clock. A
+task that stays keeps its ancestors, so every tree still has its root. The newest segment, which
+central writes, is not touched, nor are those that a recovery compares with the inputs: they are
+newer than the oldest inputs that lie there.
 """
 
 import os
@@ -31,22 +33,38 @@ _CLOCK = 7
 """The place of central's clock in the first record of a segment of inputs."""
 
 _OF_A_MOMENT = (
-    facts.HandledDirectly, facts.LostDirectly, facts.RequestRefused, facts.Ignored, facts.MonitorTested,
-)  # fmt: skip
+    facts.HandledDirectly,
+    facts.LostDirectly,
+    facts.RequestRefused,
+    facts.Ignored,
+    facts.MonitorTested,
+)
 """Facts that are over with their entry."""
 
-_ENDINGS = (facts.Returned, facts.Answered, facts.Dropped, facts.Unqueued, facts.Failed, facts.ClaimEnded)
-"""Facts that end a message, one receiver's part of it, or a claim. A task ends when END_ACHIEVING is reached."""
+_ENDINGS = (
+    facts.Returned,
+    facts.Answered,
+    facts.Dropped,
+    facts.Unqueued,
+    facts.Failed,
+    facts.ClaimEnded,
+)
+"""Facts that end a message, one receiver's part of it, or a claim. A task ends when END_ACHIEVING
+is reached.
+"""
 
 
 class Lives:
-    """The end of each task, message and claim of a run, by its number, and the one to which it belongs."""
+    """The end of each task, message and claim of a run, by its number, and the one to which it
+    belongs.
+    """
 
     def __init__(self) -> None:
         self.ended = array("d")  #: infinite for one that has not ended
         self.parent = array("q")
         self.time = 0.0  #: of the last entry
-        #: By key the ends of the waits for no certain task; behind them that of one that has not ended.
+        #: By key the ends of the waits for no certain task; behind them that of one that has not
+        #: ended.
         self.waits = defaultdict[Any, Any](lambda: array("d", [inf]))
         self._is_task = bytearray()
         self._kept: set[int] = set()  #: tasks whose records modules keep
@@ -69,7 +87,9 @@ class Lives:
                 case _ if isinstance(fact, _ENDINGS) and not getattr(fact, "is_beside", False):
                     self._take_ending(fact.id)
 
-    def _take_beginning(self, fact: facts.Received | facts.Queued | facts.Delivered | facts.Claimed) -> None:
+    def _take_beginning(
+        self, fact: facts.Received | facts.Queued | facts.Delivered | facts.Claimed
+    ) -> None:
         if isinstance(fact, facts.Claimed):
             self._begin(fact.id, fact.origin)
         elif not isinstance(fact, facts.Received):
@@ -104,7 +124,9 @@ class Lives:
         self.ended[number] = self.time
 
     def last(self) -> array:  # type: ignore[type-arg]  # array[float] is no class at run time
-        """By number, when the last of a task and of all that belongs to it ended; infinite while one has not."""
+        """By number, when the last of a task and of all that belongs to it ended; infinite while
+        one has not.
+        """
         last = self.ended[:]
         for number in self._kept:
             self._begin(number, 0)
@@ -120,11 +142,15 @@ class EndedTasks:
     """The facts that can be removed of one run that continues."""
 
     def __init__(self, files: list[Path]) -> None:
-        """*files*: all of the run, its segments last. Raises ToolError for one that can't be read."""
+        """*files*: all of the run, its segments last. Raises ToolError for one that can't be
+        read.
+        """
         paths = [path for path in files if path.suffix == SEGMENT_SUFFIX]
         lives = Lives()
         safe = min((clock for path in files if (clock := _clock_of(path)) is not None), default=inf)
-        self._segments: dict[Path, float] = {}  #: those that may be written anew -> the time of their last entries
+        self._segments: dict[
+            Path, float
+        ] = {}  #: those that may be written anew -> the time of their last entries
         with _reported():
             self._size = sum(path.stat().st_size for path in files if path.exists())
             for path in paths:
@@ -135,8 +161,8 @@ class EndedTasks:
         self._now = lives.time
 
     def until(self, keep: float | None, keep_bytes: float | None) -> float:
-        """The moment of the run's clock such that all goes that ended by then: *keep* seconds before its last entry, or
-        the earliest at which *keep_bytes* are left. Raises ToolError.
+        """The moment of the run's clock such that all goes that ended by then: *keep* seconds
+        before its last entry, or the earliest at which *keep_bytes* are left. Raises ToolError.
         """
         moment: float = self._now - keep if keep is not None else 0.0
         if keep_bytes is None:
@@ -147,7 +173,9 @@ class EndedTasks:
             for path in self._segments:
                 for entry, size in _entries(path):
                     for fact in entry.facts:
-                        sizes[bisect_left(moments, self._end_of(fact, entry.time))] += size / len(entry.facts)
+                        sizes[bisect_left(moments, self._end_of(fact, entry.time))] += size / len(
+                            entry.facts
+                        )
         left = float(self._size)
         for end, ended in zip(moments, sizes, strict=False):
             if left <= keep_bytes:
@@ -157,7 +185,9 @@ class EndedTasks:
         return moment
 
     def remove(self, until: float, *, dry_run: bool = False) -> int:
-        """Write the segments without what ended *until* then; the number of bytes gone. Raises ToolError."""
+        """Write the segments without what ended *until* then; the number of bytes gone. Raises
+        ToolError.
+        """
         gone, drafts = 0, dict[Path, bytes]()
         with _reported():
             for number, path in enumerate(self._segments):
@@ -187,7 +217,9 @@ class EndedTasks:
         if isinstance(fact, _OF_A_MOMENT):
             return time
         if isinstance(fact, facts.Constrained | facts.TimedOut):
-            constraints = fact.constraints if isinstance(fact, facts.Constrained) else [fact.constraint]
+            constraints = (
+                fact.constraints if isinstance(fact, facts.Constrained) else [fact.constraint]
+            )
             return max((self._end(one.after.task) for one in constraints), default=time)
         if isinstance(fact, facts.TapFired):
             return min(self._end(fact.tapped), self._end(fact.listener))
@@ -199,7 +231,11 @@ class EndedTasks:
             return min(end, self._end(fact.origin))
         if isinstance(fact, facts.Removed):
             return inf
-        names = ["handler"] if isinstance(fact, facts.NotResolved) else ["task", "id", "monitor", "handler"]
+        names = (
+            ["handler"]
+            if isinstance(fact, facts.NotResolved)
+            else ["task", "id", "monitor", "handler"]
+        )
         return next((self._end(getattr(fact, name)) for name in names if hasattr(fact, name)), inf)
 
     def _end(self, number: int) -> float:
@@ -238,7 +274,10 @@ def _clock_of(path: Path) -> float | None:
     """The time of central's clock at which a segment of inputs begins; None for any other file."""
     if path.suffix != INPUT_SUFFIX:
         return None
-    with suppress(OSError, msgspec.MsgspecError, LookupError, TypeError, ValueError), path.open("rb") as stream:
+    with (
+        suppress(OSError, msgspec.MsgspecError, LookupError, TypeError, ValueError),
+        path.open("rb") as stream,
+    ):
         for _, head in payloads(stream):
             return float(msgspec.msgpack.decode(head)[_CLOCK])
     # One that says nothing: nothing is known to be older. Central may just have removed it.
@@ -246,8 +285,8 @@ def _clock_of(path: Path) -> float | None:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write a segment anew, all or nothing. It stays its owner's: root may prune for a central of another user. Raises
-    OSError, and leaves nothing on a full disk.
+    """Write a segment anew, all or nothing. It stays its owner's: root may prune for a central of
+    another user. Raises OSError, and leaves nothing on a full disk.
     """
     there = path.stat()
     with TemporaryDirectory(dir=path.parent) as place:

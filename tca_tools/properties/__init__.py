@@ -1,5 +1,5 @@
-"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check`` ask the same, but for
-properties of cases, which are of whole runs: these are ``tca check``'s.
+"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check``
+ask the same, but for properties of cases, which are of whole runs: these are ``tca check``'s.
 """
 
 from tca_tools.properties.algebra import Property as Property

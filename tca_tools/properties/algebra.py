@@ -31,10 +31,14 @@ class Property:
     """Something that must be true of every run."""
 
     def __init__(
-        self, words: str, *predicates: Predicate,
+        self,
+        words: str,
+        *predicates: Predicate,
         seen: Callable[[PredicateValues, int], Outcome] = lambda _values, memory: (memory, None),
-        is_owed: Callable[[int], bool] | None = None, case: Predicate | None = None, is_certain: bool = False,
-    ) -> None:  # fmt: skip
+        is_owed: Callable[[int], bool] | None = None,
+        case: Predicate | None = None,
+        is_certain: bool = False,
+    ) -> None:
         self.words = words
         self.predicates = predicates
         self.seen = seen
@@ -45,7 +49,9 @@ class Property:
         self.case = case
         """The event or state without which it says nothing; None if it always says something."""
         self.is_certain = is_certain
-        """Whether messages that break it do so whatever was before: asked of a journal of which a part is missing."""
+        """Whether messages that break it do so whatever was before: asked of a journal of which a
+        part is missing.
+        """
 
     def __repr__(self) -> str:
         return self.words
@@ -95,14 +101,18 @@ def at_most(number: int, predicate: str | Predicate) -> Property:
         if found.number <= number:
             return memory, None
         messages = found.messages or ()
-        return memory, Breach(f"here {found.number}", messages, values.newly(checked).messages or messages)
+        return memory, Breach(
+            f"here {found.number}", messages, values.newly(checked).messages or messages
+        )
 
-    return Property(f"at most {number} {words_of(predicate)}", checked, seen=seen, case=checked, is_certain=True)
+    return Property(
+        f"at most {number} {words_of(predicate)}", checked, seen=seen, case=checked, is_certain=True
+    )
 
 
 def at_most_in_all(number: int, event: str | Predicate) -> Property:
-    """In each run *event* happens at most *number* times: for what is true for one event only, such as ``sent``,
-    ``fired`` and ``retried``.
+    """In each run *event* happens at most *number* times: for what is true for one event only, such
+    as ``sent``, ``fired`` and ``retried``.
     """
     _check_number(number, "at_most_in_all()")
     checked = _checked(event)
@@ -114,42 +124,61 @@ def at_most_in_all(number: int, event: str | Predicate) -> Property:
             return memory, None
         return memory, Breach(f"here it comes to {memory}", found.messages or ())
 
-    return Property(f"at most {number} {words_of(event)} in all", checked, seen=seen, case=checked, is_certain=True)
+    return Property(
+        f"at most {number} {words_of(event)} in all",
+        checked,
+        seen=seen,
+        case=checked,
+        is_certain=True,
+    )
 
 
 def before(first: str | Predicate, second: str | Predicate) -> Property:
-    """Where *second* becomes true, *first* has been true before, or becomes true with the same event."""
+    """Where *second* becomes true, *first* has been true before, or becomes true with the same
+    event.
+    """
     leader, follower = _checked(first), _checked(second)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
         memory = memory or int(values.true_of(leader).is_true)
         found = Found(is_true=False) if memory else values.true_of(follower)
-        return memory, Breach("the second came first", found.messages or ()) if found.is_true else None
+        return memory, Breach(
+            "the second came first", found.messages or ()
+        ) if found.is_true else None
 
-    return Property(f"{words_of(first)} before {words_of(second)}", leader, follower, seen=seen, case=follower)
+    return Property(
+        f"{words_of(first)} before {words_of(second)}", leader, follower, seen=seen, case=follower
+    )
 
 
 def eventually(predicate: str | Predicate) -> Property:
-    """*predicate* becomes true in every run: before it ends, which is when nothing further need happen (losses, kills
-    and goodbyes need not), or before it comes to go round in a circle for ever.
+    """*predicate* becomes true in every run: before it ends, which is when nothing further need
+    happen (losses, kills and goodbyes need not), or before it comes to go round in a circle for
+    ever.
     """
     checked = _checked(predicate)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
         return memory or int(values.true_of(checked).is_true), None
 
-    return Property(f"eventually {words_of(predicate)}", checked, seen=seen, is_owed=lambda memory: not memory)
+    return Property(
+        f"eventually {words_of(predicate)}", checked, seen=seen, is_owed=lambda memory: not memory
+    )
 
 
 def within(seconds: float, first: str | Predicate, second: str | Predicate) -> Property:
-    """Whenever *first* is true, *second* becomes true with the same event, or before more than *seconds* have passed.
+    """Whenever *first* is true, *second* becomes true with the same event, or before more than
+    *seconds* have passed.
 
-    In an exploration time passes with delays, deadlines, periods and timeouts, and with nothing else: handlers take
-    none of it, or last until something is due. *first* should be true for a moment, such as ``sent``, or end.
+    In an exploration time passes with delays, deadlines, periods and timeouts, and with nothing
+    else: handlers take none of it, or last until something is due. *first* should be true for a
+    moment, such as ``sent``, or end.
     """
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not (is_number and 0 <= seconds <= LONGEST_TIME):
-        raise BadProperty(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST_TIME:g}")
+        raise BadProperty(
+            f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST_TIME:g}"
+        )
     leader, follower = _checked(first), _checked(second)
     most = round(seconds * _MICROSECONDS)
 
@@ -167,8 +196,9 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
 
 
 def never_stuck() -> Property:
-    """Nobody waits for ever: every run that ends leaves no task behind, and no script that still waits; and in a run
-    that goes round in a circle for ever, no task and no script waits for the same thing all the time.
+    """Nobody waits for ever: every run that ends leaves no task behind, and no script that still
+    waits; and in a run that goes round in a circle for ever, no task and no script waits for the
+    same thing all the time.
     """
     return NeverStuck("never stuck")
 
@@ -185,7 +215,9 @@ def _checked(predicate: Any) -> Predicate:
     if isinstance(predicate, str):
         return predicate_from(predicate)
     if not callable(predicate):
-        raise BadProperty(f"{predicate!r:.60} is no predicate: give begun(MESSAGE), ... or a function of the World")
+        raise BadProperty(
+            f"{predicate!r:.60} is no predicate: give begun(MESSAGE), ... or a function of the World"
+        )
     return predicate  # type: ignore[no-any-return]
 
 

@@ -1,4 +1,6 @@
-"""Properties of whole runs: of how many of its cases something is so. They are asked once, when the run is over."""
+"""Properties of whole runs: of how many of its cases something is so. They are asked once, when the
+run is over.
+"""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -7,7 +9,9 @@ from tca_tools.properties.algebra import Property, words_of
 from tca_tools.properties.world import BadProperty
 
 CasesOf = Callable[[Any], Iterable[tuple[Any, bool]]]
-"""A function of the records of a run: for each case the message that it is about, and whether all is well with it."""
+"""A function of the records of a run: for each case the message that it is about, and whether all
+is well with it.
+"""
 
 
 class Counted(NamedTuple):
@@ -32,8 +36,8 @@ class Counted(NamedTuple):
 
 
 class CasesProperty(Property):
-    """Of a run, at least a share of the cases is as it should be. It says nothing of a run with fewer cases than
-    *fewest*.
+    """Of a run, at least a share of the cases is as it should be. It says nothing of a run with
+    fewer cases than *fewest*.
     """
 
     def __init__(self, words: str, cases: CasesOf, least: float, fewest: int = 1) -> None:
@@ -70,11 +74,13 @@ def in_all_cases(cases: CasesOf) -> CasesProperty:
 
 
 def in_at_least(share: float, cases: CasesOf, *, fewest: int = 1) -> CasesProperty:
-    """Of the *cases* of a run at least this share (0.9: nine of ten) is as it should be. A run with fewer cases than
-    *fewest* is not judged: of five cases 0.9 can't be told from 1.
+    """Of the *cases* of a run at least this share (0.9: nine of ten) is as it should be. A run with
+    fewer cases than *fewest* is not judged: of five cases 0.9 can't be told from 1.
     """
     if not isinstance(share, int | float) or isinstance(share, bool) or not 0 <= share <= 1:
-        raise BadProperty(f"in_at_least() takes a share from 0 to 1, such as 0.9, and {share!r:.60} is none")
+        raise BadProperty(
+            f"in_at_least() takes a share from 0 to 1, such as 0.9, and {share!r:.60} is none"
+        )
     if not isinstance(fewest, int) or isinstance(fewest, bool) or fewest < 1:
         raise BadProperty(f"fewest={fewest!r:.60} is no number of cases: give 1 or more")
     words = f"{words_of(_checked_function(cases))}, in at least {share * 100:g} % of cases"
@@ -83,11 +89,18 @@ def in_at_least(share: float, cases: CasesOf, *, fewest: int = 1) -> CasesProper
 
 def _checked_function(cases: Any) -> CasesOf:
     if not callable(cases):
-        raise BadProperty(f"{cases!r:.60} gives no cases: give a function of the run that yields (message, is_good)")
+        raise BadProperty(
+            f"{cases!r:.60} gives no cases: give a function of the run that yields (message, is_good)"
+        )
     return cases  # type: ignore[no-any-return]
 
 
 def _checked_case(case: Any) -> tuple[Any, bool]:
-    if not (isinstance(case, tuple) and len(case) == 2 and hasattr(case[0], "id") and isinstance(case[1], bool)):
+    if not (
+        isinstance(case, tuple)
+        and len(case) == 2
+        and hasattr(case[0], "id")
+        and isinstance(case[1], bool)
+    ):
         raise TypeError(f"it gave {case!r:.60}: a case is a message, and True or False")
     return case

@@ -53,15 +53,21 @@ class FieldValue:
     def _is_one_of_them(self, data: Any) -> bool:
         if isinstance(data, dict) and data.keys() == {"base64"}:  # bytes
             data = data["base64"]
-        return any(data == one and isinstance(data, bool) == isinstance(one, bool) for one in self._values)
+        return any(
+            data == one and isinstance(data, bool) == isinstance(one, bool) for one in self._values
+        )
 
     def misfit(self, schemas: Sequence[str]) -> str:
         """Why no data of any of these formats can have it; "" if some can."""
         problem = f"no message has a field '{self._field}'" if len(schemas) > 1 else ""
         for schema in schemas:
-            path = [] if self._path == _WHOLE and not knows_field(schema, self._path) else self._path
+            path = (
+                [] if self._path == _WHOLE and not knows_field(schema, self._path) else self._path
+            )
             is_known = knows_field(schema, path)
-            if not is_known and self._was_there:  # what central passes on may have more than its receiver asked for
+            if (
+                not is_known and self._was_there
+            ):  # what central passes on may have more than its receiver asked for
                 return ""
             wrong = field_misfit(schema, path, self._typed)
             if not wrong:

@@ -1,7 +1,7 @@
 """Properties as text.
 
-PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never stuck
-P          a predicate: see predicates.py
+PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never
+stuck P          a predicate: see predicates.py
 """
 
 import re
@@ -54,7 +54,9 @@ def _before(text: str) -> Property:
     found, wrong = [], ""
     for match in re.finditer(" before ", blanked(text)):
         try:
-            found.append((predicate_from(text[: match.start()]), predicate_from(text[match.end() :])))
+            found.append(
+                (predicate_from(text[: match.start()]), predicate_from(text[match.end() :]))
+            )
         except BadProperty as error:
             wrong = wrong or str(error)
     if not found:

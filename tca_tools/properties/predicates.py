@@ -1,7 +1,8 @@
-"""Predicates of messages: from the declarations of messages, as in ``begun(MOVE_LEG, 3)``, or from text.
+"""Predicates of messages: from the declarations of messages, as in ``begun(MOVE_LEG, 3)``, or from
+text.
 
-P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE [with ...]
-MESSAGE    a message's name, or anything; in quotes where words of the language are in it
+P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE
+[with ...] MESSAGE    a message's name, or anything; in quotes where words of the language are in it
 STATE      begun, handled, planned ahead, ...: see STATES
 FIELD, VALUE   of its data: see field_values.py
 """
@@ -40,12 +41,20 @@ class DataTest(Protocol):
 
 
 class OfMessages(NamedPredicate):
-    """The predicate that finds the messages in a state: those of a name, handled by a module, with such data."""
+    """The predicate that finds the messages in a state: those of a name, handled by a module, with
+    such data.
+    """
 
     def __init__(
-        self, words: str, state: "MessageState", *, message: str = "", module: str = "", data: Sequence[DataTest] = (),
+        self,
+        words: str,
+        state: "MessageState",
+        *,
+        message: str = "",
+        module: str = "",
+        data: Sequence[DataTest] = (),
         is_typed: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(words + _with(data), message=message, module=module)
         self.data = data
         self.is_typed = is_typed  #: it comes from a text: its names are checked
@@ -59,7 +68,9 @@ class OfMessages(NamedPredicate):
 
     def is_about(self, message: MessageView) -> bool:
         """Whether it is about a message, in whatever state that is."""
-        return self.message in ("", message.message) and all([one.fits(message) for one in self.data])  # noqa: C419 - each notes what it saw
+        return self.message in ("", message.message) and all(
+            [one.fits(message) for one in self.data]  # noqa: C419 - each notes what it saw
+        )
 
     def is_in_state(self, message: MessageView) -> bool:
         """Whether the state is that of a message, whatever it is called."""
@@ -75,21 +86,31 @@ def _with(data: Sequence[DataTest]) -> str:
 
 
 class MessageState:
-    """A state of messages. Called with a declaration, and data, it is the predicate of such messages in that state."""
+    """A state of messages. Called with a declaration, and data, it is the predicate of such
+    messages in that state.
+    """
 
-    def __init__(self, words: str, test: Callable[[Any], bool], meaning: str, *, makes_room: bool = False) -> None:
+    def __init__(
+        self, words: str, test: Callable[[Any], bool], meaning: str, *, makes_room: bool = False
+    ) -> None:
         self.words, self.test, self.meaning = words, test, meaning
         self.__doc__ = f"Messages (with that *data*) of which is true: {meaning}."
         self.makes_room = makes_room
-        """Whether ``at_most`` does not count what has ended with the last event: it makes room for the next."""
+        """Whether ``at_most`` does not count what has ended with the last event: it makes room for
+        the next.
+        """
 
     def __call__(self, message: Message[Any, Any], data: Any = UNSET) -> OfMessages:
         """The messages of that declaration, with that *data* if any are given."""
         if not isinstance(message, Message):
-            raise BadProperty(f"{self.words.replace(' ', '_')}() takes a message (Goal, Command, ...), and "
-                              f"{message!r:.60} is none: give its declaration")  # fmt: skip
+            raise BadProperty(
+                f"{self.words.replace(' ', '_')}() takes a message (Goal, Command, ...), and "
+                f"{message!r:.60} is none: give its declaration"
+            )
         name = message.name
-        return OfMessages(f"{name} {self.words}", self, message=name, data=() if data is UNSET else [_Equal(data)])
+        return OfMessages(
+            f"{name} {self.words}", self, message=name, data=() if data is UNSET else [_Equal(data)]
+        )
 
 
 class _Equal:
@@ -107,58 +128,98 @@ class _Equal:
 
 
 sent = MessageState("sent", lambda one: one.is_new, "it was sent with the last event, by whomever")
-begun = MessageState("begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True)
+begun = MessageState(
+    "begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True
+)
 handled = MessageState("handled", lambda one: one.is_handled, "a handler has it")
-queued = MessageState("queued", lambda one: one.is_queued, "it waits for a resource, or for a handler")
+queued = MessageState(
+    "queued", lambda one: one.is_queued, "it waits for a resource, or for a handler"
+)
 planned = MessageState(
-    "planned", lambda one: one.is_planned, "it was expanded, with all that is under it", makes_room=True
+    "planned",
+    lambda one: one.is_planned,
+    "it was expanded, with all that is under it",
+    makes_room=True,
 )
 planned_ahead = MessageState(
-    "planned ahead", lambda one: one.is_planned_ahead, "it was begun, and may not be achieved yet", makes_room=True
+    "planned ahead",
+    lambda one: one.is_planned_ahead,
+    "it was begun, and may not be achieved yet",
+    makes_room=True,
 )
 being_achieved = MessageState(
-    "being achieved", lambda one: one.is_being_achieved, "its achieving has started and has not ended"
+    "being achieved",
+    lambda one: one.is_being_achieved,
+    "its achieving has started and has not ended",
 )
-achieved = MessageState("achieved", lambda one: one.is_achieved, "it was achieved with the last event")
+achieved = MessageState(
+    "achieved", lambda one: one.is_achieved, "it was achieved with the last event"
+)
 resolved = MessageState(
-    "resolved", lambda one: one.is_done_after_failure, "with the last event it was done, after a failure"
+    "resolved",
+    lambda one: one.is_done_after_failure,
+    "with the last event it was done, after a failure",
 )
 killed = MessageState(
-    "killed", lambda one: one.is_killed, "it was killed, and ended with the last event at the earliest"
+    "killed",
+    lambda one: one.is_killed,
+    "it was killed, and ended with the last event at the earliest",
 )
-failed = MessageState("failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with")
-recovering = MessageState("recovering", lambda one: one.is_recovering, "an exception handler is at work on its failure")
+failed = MessageState(
+    "failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with"
+)
+recovering = MessageState(
+    "recovering", lambda one: one.is_recovering, "an exception handler is at work on its failure"
+)
 suspended = MessageState(
-    "suspended", lambda one: one.is_suspended, "it is suspended, by itself or with what it is under", makes_room=True
+    "suspended",
+    lambda one: one.is_suspended,
+    "it is suspended, by itself or with what it is under",
+    makes_room=True,
 )
 fired = MessageState(
-    "fired", lambda one: one.is_fire or one.has_fired,
+    "fired",
+    lambda one: one.is_fire or one.has_fired,
     "with the last event a wiretap or a monitor sent it; or it is a monitor and sent its action",
-)  # fmt: skip
+)
 retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
 
 STATES = {
     state.words: state
     for state in (
-        sent, begun, handled, queued, planned, planned_ahead, being_achieved, achieved, resolved, killed, failed,
-        recovering, suspended, fired, retried,
+        sent,
+        begun,
+        handled,
+        queued,
+        planned,
+        planned_ahead,
+        being_achieved,
+        achieved,
+        resolved,
+        killed,
+        failed,
+        recovering,
+        suspended,
+        fired,
+        retried,
     )
-}  # fmt: skip
+}
 """By name."""
 
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)
 
 
 def handled_by(module: str) -> OfMessages:
-    """Messages of any name that handlers of *module* have now. A run of it that joins before the connections of the
-    one before have all ended is called "base#2", as in central, and is another module.
+    """Messages of any name that handlers of *module* have now. A run of it that joins before the
+    connections of the one before have all ended is called "base#2", as in central, and is another
+    module.
     """
     if not isinstance(module, str) or not module.strip() or not module.isprintable():
         raise BadProperty(f"{module!r:.60} is no name of a module: give printable characters")
     return OfMessages(f"handled by {module}", handled, module=module)
 
 
-# --- from text -------------------------------------------------------------------------------------------------------
+# --- from text ------------------------------------------------------------------------------------
 
 
 def predicate_from(text: str) -> OfMessages:
@@ -180,7 +241,9 @@ def _state_and_name(text: str) -> tuple[str, str]:
         if text.endswith(f" {state}"):
             return state, _name(text.removesuffix(f" {state}"))
     if text in STATES:
-        raise BadProperty(f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'")
+        raise BadProperty(
+            f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'"
+        )
     said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
     advice = did_you_mean(said, STATES) or f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")

@@ -1,4 +1,6 @@
-"""The world that properties see after each event of a run: explorations and journals each have one."""
+"""The world that properties see after each event of a run: explorations and journals each have
+one.
+"""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, NamedTuple, Protocol
@@ -38,7 +40,9 @@ class Found(NamedTuple):
 
 
 class PredicateValues(Protocol):
-    """The values of predicates now. The properties ask this; predicates ask the world of the run itself."""
+    """The values of predicates now. The properties ask this; predicates ask the world of the run
+    itself.
+    """
 
     def true_of(self, predicate: Predicate) -> Found:
         """Of which messages it is true."""
@@ -52,7 +56,8 @@ class PredicateValues(Protocol):
 
 
 class MessageView:
-    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query.
+    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or
+    multi-query.
 
     What ended with the last event is still there; what ended before is not.
     """
@@ -98,7 +103,9 @@ class MessageView:
 
     @property
     def data(self) -> Any:
-        """The data sent with it, as plain values; None if it has none, such as for a module that was lost."""
+        """The data sent with it, as plain values; None if it has none, such as for a module that
+        was lost.
+        """
         return decode_untyped(self.body) if self.body else None
 
     def has(self, moment: int) -> bool:

@@ -15,18 +15,29 @@ from tca_tools.terminal import line_width
 
 @click.command()
 @log_argument
-@click.option("--speed", metavar="FACTOR", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
-              help="How fast time passes while it plays.")  # fmt: skip
-@click.option("--at", metavar="SECONDS", type=MOMENT, help="Begin there (default: at the end; as text, at the start).")
+@click.option(
+    "--speed",
+    metavar="FACTOR",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="How fast time passes while it plays.",
+)
+@click.option(
+    "--at",
+    metavar="SECONDS",
+    type=MOMENT,
+    help="Begin there (default: at the end; as text, at the start).",
+)
 @click.option("--text", is_flag=True, help="As lines of text, as where there is no terminal.")
 def replay(log_path: Path | None, speed: float, at: float | None, text: bool) -> None:
     """Re-create the task tree message by message.
 
-    LOG is a journal directory or one of its segments; without it, the newest run. Keys: right and left for the next
-    message and the one before, space to play (at the end: from the start), + and - for the speed, ] and [ for failures,
-    / to search, g to go to a time, up and down to choose a task, page up and down to read its story, ? for all keys.
-    Without a terminal the tree's growth is
-    printed, a line for each step.
+    LOG is a journal directory or one of its segments; without it, the newest run. Keys: right and
+    left for the next message and the one before, space to play (at the end: from the start), + and
+    - for the speed, ] and [ for failures, / to search, g to go to a time, up and down to choose a
+    task, page up and down to read its story, ? for all keys. Without a terminal the tree's growth
+    is printed, a line for each step.
     """
     journal = open_log(log_path)
     as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())

@@ -1,4 +1,6 @@
-"""The replay on the terminal: what the keys do, and when time passes. Knows the recording and the panes."""
+"""The replay on the terminal: what the keys do, and when time passes. Knows the recording and the
+panes.
+"""
 
 import signal
 import sys
@@ -50,7 +52,9 @@ _MORE_KEYS = (
     ("home", f"step({-sys.maxsize})", "the first message"),
     ("end", f"step({sys.maxsize})", "the last message"),
 )
-"""The actions of keys, while nothing is typed: those that are named below the panes, and others, which ``?`` names."""
+"""The actions of keys, while nothing is typed: those that are named below the panes, and others,
+which ``?`` names.
+"""
 
 _QUESTIONS = {
     "time": "go to: seconds, as in 12.5",
@@ -65,7 +69,10 @@ class Replay(App[None]):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
         *(Binding(key, action, words, priority=True) for key, action, words in _KEYS),
-        *(Binding(key, action, words, show=False, priority=True) for key, action, words in _MORE_KEYS),
+        *(
+            Binding(key, action, words, show=False, priority=True)
+            for key, action, words in _MORE_KEYS
+        ),
         Binding("ctrl+c", "quit", "quit", show=False, priority=True),
         Binding("escape", "stop_asking", "type no more", show=False),
     ]
@@ -73,7 +80,9 @@ class Replay(App[None]):
     AUTO_FOCUS = ""
     """Nothing has the focus but what is being asked: other keys are for the replay."""
 
-    def __init__(self, recording: Recording, name: str, *, speed: float = 1.0, at: float | None = None) -> None:
+    def __init__(
+        self, recording: Recording, name: str, *, speed: float = 1.0, at: float | None = None
+    ) -> None:
         super().__init__()
         self.title = printable(name)
         self.recording = recording
@@ -83,7 +92,9 @@ class Replay(App[None]):
         self.is_playing = False
         self.selected = 0
         self.follows = True
-        """The selected task is the one that the message at the cursor is about, until another is chosen."""
+        """The selected task is the one that the message at the cursor is about, until another is
+        chosen.
+        """
         self._opened: dict[int, bool] = {}
         self._clock = 0.0
         self._wanted = ""
@@ -152,17 +163,19 @@ class Replay(App[None]):
         bar.place, bar.said = self.place, "   ".join(heading)
 
     def _about(self) -> int:
-        """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
-        is named.
+        """The task that the event at the cursor is about: the one that failed, or whose question
+        did; or the first that is named.
         """
         facts = self.recording.events[self.place] if self.recording.events else []
         failed_first = sorted(facts, key=lambda fact: not isinstance(fact, Failed))
         return next(filter(None, map(self.recording.about, failed_first)), 0)
 
-    # --- moving ------------------------------------------------------------------------------------------------------
+    # --- moving -----------------------------------------------------------------------------------
 
     def _pass(self) -> None:
-        """Let time pass. End if the terminal has gone: not everybody is told, and its input would be read for ever."""
+        """Let time pass. End if the terminal has gone: not everybody is told, and its input would
+        be read for ever.
+        """
         if self._terminal is not None and is_hung_up(self._terminal):
             signal.signal(signal.SIGHUP, signal.SIG_DFL)
             signal.raise_signal(signal.SIGHUP)
@@ -220,7 +233,7 @@ class Replay(App[None]):
             self.action_show_help_panel()
         self.on_resize()
 
-    # --- choosing ----------------------------------------------------------------------------------------------------
+    # --- choosing ---------------------------------------------------------------------------------
 
     def action_select(self, step: int) -> None:
         """Choose the task on the next line."""
@@ -248,7 +261,7 @@ class Replay(App[None]):
                 self._select(self.selected)
                 return
 
-    # --- asking ------------------------------------------------------------------------------------------------------
+    # --- asking -----------------------------------------------------------------------------------
 
     def action_ask(self, what: str) -> None:
         """Ask where to go, or what to look for."""

@@ -17,11 +17,15 @@ _DEEPEST, _NARROW = 12, 40
 _SHORTEST_STATE, _SHORTEST_NAME = 12, 8
 """Columns that are kept."""
 _FAR = 100
-"""Waits: what is waited for beyond so many is not looked for, or a long run would take very long."""
+"""Waits: what is waited for beyond so many is not looked for, or a long run would take very
+long.
+"""
 
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
-    """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
+    """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it
+    waits.
+    """
     run, deepest = recording.run, _DEEPEST
     if width is not None:
         deepest = min(max(width - _NARROW, 0) // 2, _DEEPEST)
@@ -40,7 +44,10 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {'  ' * min(depth, deepest)}"
         if depth > deepest:
             start_of_line += f"[{depth}] "
-        called, note = words.called(at.tasks[number]), words.note_of(at, at.tasks[number], within=_FAR)
+        called, note = (
+            words.called(at.tasks[number]),
+            words.note_of(at, at.tasks[number], within=_FAR),
+        )
         if width is not None:
             called = cut(called, max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME))
         line = cut(f"{start_of_line}{called}: ", width)

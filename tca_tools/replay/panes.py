@@ -1,4 +1,6 @@
-"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the bar of time."""
+"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the
+bar of time.
+"""
 
 from collections.abc import Callable
 from itertools import count, islice
@@ -75,7 +77,9 @@ class TreePane(ScrollView, can_focus=False):
         self.virtual_size = Size(self.size.width, len(rows))
         for row in rows:
             if row.task and row.task.id == selected:
-                self.scroll_to_region(Region(0, row.number, 1, 1), animate=False, force=True, immediate=True)
+                self.scroll_to_region(
+                    Region(0, row.number, 1, 1), animate=False, force=True, immediate=True
+                )
         self.refresh()
 
     def render_line(self, y: int) -> Strip:
@@ -146,8 +150,8 @@ class MessagesPane(Widget):
 
 
 class StoryPane(Vertical):
-    """The story of the selected task until now, and why it waits. The newest sentences are seen; others are scrolled
-    to.
+    """The story of the selected task until now, and why it waits. The newest sentences are seen;
+    others are scrolled to.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -172,7 +176,9 @@ class StoryPane(Vertical):
         lines = [Text.assemble((printable(str(task)), "bold"), "  ", state)]
         if data := words.data(task):
             lines.append(Text(cut(data, _LONGEST_DATA), "dim"))
-        if task.state not in OVER and (note := words.note(at, task)):  # of what is over its story tells why
+        if task.state not in OVER and (
+            note := words.note(at, task)
+        ):  # of what is over its story tells why
             lines.append(Text(note, "yellow"))
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
@@ -197,7 +203,9 @@ class StoryPane(Vertical):
 
 
 class TimeBar(Widget):
-    """From the beginning to the end: where the cursor is, where something failed. A click goes there."""
+    """From the beginning to the end: where the cursor is, where something failed. A click goes
+    there.
+    """
 
     place = reactive(0)
     """The cursor."""
@@ -236,7 +244,9 @@ class TimeBar(Widget):
 
 
 class Question(Input):
-    """A line to type in. It hands over the answer at once: keys that were typed fast after it are not part of it."""
+    """A line to type in. It hands over the answer at once: keys that were typed fast after it are
+    not part of it.
+    """
 
     _ENTER = ("enter", "ctrl+j")
     """The keys for Enter of terminals, and of programs that write a line."""

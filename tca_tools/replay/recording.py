@@ -1,4 +1,6 @@
-"""A journal that was read to its end: its entries, all records, and where in it what is. Pure; knows no terminal."""
+"""A journal that was read to its end: its entries, all records, and where in it what is. Pure;
+knows no terminal.
+"""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
@@ -31,8 +33,8 @@ class Recording:
         self.run: Run = History.until(self._kept(entries))
         self.wording = Wording(self.run.name)
         self.failures: dict[int, bool] = {}
-        """The places at which something failed, in order; and whether the run did not go on after that, as far as the
-        journal tells.
+        """The places at which something failed, in order; and whether the run did not go on after
+        that, as far as the journal tells.
         """
         for place, event in enumerate(self.events):
             if failed := [fact for fact in event if isinstance(fact, Failed)]:
@@ -56,8 +58,8 @@ class Recording:
         return failed is not None and went_on(self.run, failed, time, known)
 
     def is_bad_news(self, place: int, fact: Fact, now: int) -> bool | None:
-        """Whether a fact is bad news; None: it was, and the run had gone on by the place that is looked at *now*; of
-        what comes later, as far as the journal tells.
+        """Whether a fact is bad news; None: it was, and the run had gone on by the place that is
+        looked at *now*; of what comes later, as far as the journal tells.
         """
         if not isinstance(fact, Failed):
             return kind_of(fact) in BAD_NEWS
@@ -114,8 +116,9 @@ class Recording:
         return next((number for number in named if number in self.run.tasks), 0)
 
     def search(self, text: str, place: int, step: int) -> SearchHit | None:
-        """The task of that number, now or when it is sent. Else the nearest after a place (or, step -1, before it) of
-        the tasks with *text* in their names, when they are sent, and of the failures with it. Place -1 is before all.
+        """The task of that number, now or when it is sent. Else the nearest after a place (or, step
+        -1, before it) of the tasks with *text* in their names, when they are sent, and of the
+        failures with it. Place -1 is before all.
         """
         wanted, tasks = text.casefold(), self.run.tasks
         if (number := text.strip("{}")).isdecimal() and int(number) in tasks:

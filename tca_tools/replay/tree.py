@@ -1,6 +1,8 @@
-"""Which tasks the tree shows at a moment: what lives with what it is under, and of what is over the newest.
+"""Which tasks the tree shows at a moment: what lives with what it is under, and of what is over the
+newest.
 
-Nothing recurses; a moment costs what is shown and what stands beside that, however many tasks there are.
+Nothing recurses; a moment costs what is shown and what stands beside that, however many tasks there
+are.
 """
 
 from collections.abc import Sequence
@@ -17,15 +19,17 @@ _ENDS, _LIVING = 2, 12
 
 
 def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
-    """The rows at a moment. What the *selected* task is under is open; *opened* tells what the user has opened (True)
-    or closed.
+    """The rows at a moment. What the *selected* task is under is open; *opened* tells what the user
+    has opened (True) or closed.
     """
     above = set(lineage(at.run, TaskId(selected))) if selected in at.tasks else set()
     is_small = len(at.tasks) <= SHOWN_AT_MOST
 
     def below(row: Row) -> list[Row]:
         task = row.task.id if row.task else ROOT
-        is_open = task == ROOT or opened.get(task, is_small or task in above - {selected} or _lives(at, task))
+        is_open = task == ROOT or opened.get(
+            task, is_small or task in above - {selected} or _lives(at, task)
+        )
         children = at.children(task)
         shown = _shown(at, children, above) if is_open else []
         rows: list[Row] = []

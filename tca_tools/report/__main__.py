@@ -19,7 +19,8 @@ from tca_tools.report.tree import tree
 @output_option("The file, .html.", required=True)
 @force_option
 def report(log_path: Path | None, output: Path, *, force: bool) -> None:
-    """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart and tree.
+    """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart
+    and tree.
 
     LOG is a journal directory or one of its segments; without it, the newest run is reported.
     """

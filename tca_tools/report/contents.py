@@ -1,5 +1,5 @@
-"""The contents of a report: all questions of the package ``analysis`` asked of a run, with bounds on what is shown.
-Pure.
+"""The contents of a report: all questions of the package ``analysis`` asked of a run, with bounds
+on what is shown. Pure.
 """
 
 from collections import Counter
@@ -62,12 +62,14 @@ class Contents(NamedTuple):
     uses: list[Use]
     path: ShownPath | None
     longest: ShownPath | None
-    """The critical path of the task that took longest, where that of the last one tells little of the run. Advice says
-    which of the two it is about.
+    """The critical path of the task that took longest, where that of the last one tells little of
+    the run. Advice says which of the two it is about.
     """
     advice: list[Advice]
     previews: list[tuple[str, int, Gain, Counter[WhyNotEarly]]]
-    """Of each machine that looked ahead how often it ran, what that gained, and why activities did not start early."""
+    """Of each machine that looked ahead how often it ran, what that gained, and why activities did
+    not start early.
+    """
 
 
 def contents(run: Run) -> Contents:

@@ -27,7 +27,9 @@ _LONGEST_SAID = 220
 """Characters of what was said of a failure that stand in the table."""
 
 
-def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | None, strips: list[Strip]) -> str:
+def page(
+    name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | None, strips: list[Strip]
+) -> str:
     """The report of journal *name*, which can't be read to its end if *damage* says so, as HTML."""
     run = found.summary
     verdict = "good" if run.is_good else "bad" if run.reasons else "open"
@@ -37,15 +39,33 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
         _environment()
         .get_template("page.html")
         .render(
-            name=name, damage=damage, found=found, run=run, tree=tree, gantt=gantt, strips=strips, style=style,
+            name=name,
+            damage=damage,
+            found=found,
+            run=run,
+            tree=tree,
+            gantt=gantt,
+            strips=strips,
+            style=style,
             drawn=Markup,  # of what the pictures' makers have escaped
-            verdict=verdict, began=_clock(run.began, run.start), now=now,
+            verdict=verdict,
+            began=_clock(run.began, run.start),
+            now=now,
             fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
-            kinds_of_waits=HEADINGS, longest_said=_LONGEST_SAID, kinds_shown=KINDS, cases_shown=CASES,
-            whole_texts=_whole_texts, role=words.role, note=words.note, folded=words.folded, spans=spans,
-            deepest=DEEPEST, chart_style=STYLE, hatchings=HATCHINGS,
+            kinds_of_waits=HEADINGS,
+            longest_said=_LONGEST_SAID,
+            kinds_shown=KINDS,
+            cases_shown=CASES,
+            whole_texts=_whole_texts,
+            role=words.role,
+            note=words.note,
+            folded=words.folded,
+            spans=spans,
+            deepest=DEEPEST,
+            chart_style=STYLE,
+            hatchings=HATCHINGS,
         )
-    )  # fmt: skip
+    )
 
 
 def _whole_texts(cases: list[Case]) -> list[tuple[str, list[str]]]:
@@ -96,5 +116,7 @@ def _environment() -> Environment:
 
 
 def _visible(value: Any) -> Any:
-    """Foreign text without control characters, and without those that turn the direction of writing."""
+    """Foreign text without control characters, and without those that turn the direction of
+    writing.
+    """
     return value if isinstance(value, Markup) else printable(str(value))

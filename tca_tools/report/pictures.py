@@ -1,4 +1,6 @@
-"""The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy resources were."""
+"""The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy
+resources were.
+"""
 
 from bisect import bisect_left
 from typing import NamedTuple
@@ -36,7 +38,9 @@ class Strip(NamedTuple):
 
 
 def gantt(history: History, found: Contents) -> Gantt | None:
-    """The work of every module over the whole run, or in its most telling part; None if nothing was handled."""
+    """The work of every module over the whole run, or in its most telling part; None if nothing was
+    handled.
+    """
     if not history.handlings and not history.queueings:
         return None
     drawing, why = chart(history), ""

@@ -1,4 +1,6 @@
-"""The task tree of a report: the rows of an outline, how they nest in a page, and which are unfolded."""
+"""The task tree of a report: the rows of an outline, how they nest in a page, and which are
+unfolded.
+"""
 
 from dataclasses import dataclass
 
@@ -31,7 +33,9 @@ class Tree:
 
 
 def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
-    """The rows: what failed, lives or was killed for a reason of its own, with all that it is under, then others."""
+    """The rows: what failed, lives or was killed for a reason of its own, with all that it is
+    under, then others.
+    """
     at = RunAt(run)
     whole = outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most))
     rows = excerpt(at, whole, 2 * shown_at_most)

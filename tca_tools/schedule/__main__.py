@@ -1,4 +1,6 @@
-"""``tca schedule``: what the agents of a coordinator did when, of several runs one above the other."""
+"""``tca schedule``: what the agents of a coordinator did when, of several runs one above the
+other.
+"""
 
 from pathlib import Path
 
@@ -20,7 +22,9 @@ _KINDS = (".svg", ".png", ".pdf", ".txt")
 
 
 @click.command()
-@click.argument("log_paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument(
+    "log_paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
 @output_option(".svg, .png, .pdf or .txt")
 @force_option
 def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -> None:

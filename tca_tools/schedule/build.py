@@ -1,4 +1,5 @@
-"""From a run to the schedules of its coordinators: for each agent its tasks, and the gaps in which it waits. Pure.
+"""From a run to the schedules of its coordinators: for each agent its tasks, and the gaps in which
+it waits. Pure.
 
 Times are seconds since the coordinator's first task began.
 """
@@ -7,7 +8,13 @@ from collections.abc import Iterator
 from functools import partial
 
 from tca_tools.gantt.chart import MEANINGS, Bar, BarKind, Chart, ResourceRow
-from tca_tools.journal.coordinators import STANDINGS, CoordinatorRecord, SentByCoordinator, coordinators, worked
+from tca_tools.journal.coordinators import (
+    STANDINGS,
+    CoordinatorRecord,
+    SentByCoordinator,
+    coordinators,
+    worked,
+)
 from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Span
@@ -80,7 +87,9 @@ def _values(task: Task) -> str:
 def _title(task: Task, one: SentByCoordinator, start: float, end: float) -> str:
     """``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.800 s to 1.005 s``."""
     standing = STANDINGS.get(one.role(), "")
-    return f"{task} for the state '{one.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
+    return (
+        f"{task} for the state '{one.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
+    )
 
 
 def _gaps(boxes: list[Bar], seconds: float) -> Iterator[Bar]:
@@ -88,5 +97,7 @@ def _gaps(boxes: list[Bar], seconds: float) -> Iterator[Bar]:
     last = 0.0
     for start, end in [*sorted((box.start, box.end) for box in boxes), (seconds, seconds)]:
         if start > last:
-            yield Bar("w", last, start, partial("waits {}".format, duration(start - last)), BarKind.IDLE)
+            yield Bar(
+                "w", last, start, partial("waits {}".format, duration(start - last)), BarKind.IDLE
+            )
         last = max(last, end)

@@ -29,7 +29,13 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
 
 @click.command()
 @log_argument
-@click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what was sent or begun from there on.")
+@click.option(
+    "--from",
+    "start",
+    metavar="SECONDS",
+    type=MOMENT,
+    help="Only what was sent or begun from there on.",
+)
 @click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what was known then.")
 @click.option(
     "--sort",
@@ -38,8 +44,12 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
     show_default=True,
     help="By number, by name, by failed runs; by the p99 of the three times; by all time queued, or handled.",
 )
-@click.option("--json", "as_json", is_flag=True, help="As JSON, with more figures; times in seconds.")
-def stats(log_path: Path | None, start: float | None, end: float | None, sort: str, as_json: bool) -> None:
+@click.option(
+    "--json", "as_json", is_flag=True, help="As JSON, with more figures; times in seconds."
+)
+def stats(
+    log_path: Path | None, start: float | None, end: float | None, sort: str, as_json: bool
+) -> None:
     """Count messages, and measure how long they took and waited.
 
     \b
@@ -82,7 +92,10 @@ def _plain(name: str, measured: Stats) -> dict[str, Any]:
         "busy_from": measured.busy_in[0],
         "busy_to": measured.busy_in[1],
         "deadlocks": measured.deadlocks,
-        "messages": [{**_row(one), "rate": one.sent / seconds if seconds else None} for one in measured.messages],
+        "messages": [
+            {**_row(one), "rate": one.sent / seconds if seconds else None}
+            for one in measured.messages
+        ],
         "resources": [_row(stats) for stats in measured.resources],
     }
 
@@ -93,7 +106,11 @@ def _row(stats: MessageStats | ResourceStats) -> dict[str, Any]:
     for name in stats.__slots__:
         value = getattr(stats, name)
         if name == "use":
-            for key, figure in {"busy": "busy", "busy_share": "share", "waiting": "waiting"}.items():
+            for key, figure in {
+                "busy": "busy",
+                "busy_share": "share",
+                "waiting": "waiting",
+            }.items():
                 row[key] = getattr(value, figure, 0.0)
         elif isinstance(value, Times):
             row[name] = _plain_times(value)

@@ -32,7 +32,9 @@ class Times:
         return any(one <= seconds for one in self.going_on)
 
     def percentile(self, share: float) -> float | None:
-        """The least of them that so many percent are no longer than; None if there are none. They must be sorted."""
+        """The least of them that so many percent are no longer than; None if there are none. They
+        must be sorted.
+        """
         if not self.seconds:
             return None
         return self.seconds[max(ceil(share / 100 * len(self.seconds)), 1) - 1]
@@ -102,15 +104,17 @@ class Stats:
     messages: list[MessageStats]
     resources: list[ResourceStats]
     busy_in: Span
-    """The times of the figures of busy resources: as in reports, from the first task to the end of the last; of a part
-    of the run, that part.
+    """The times of the figures of busy resources: as in reports, from the first task to the end of
+    the last; of a part of the run, that part.
     """
     deadlocks: int
     """How often somebody was refused to wait, since that would have been a deadlock."""
 
 
 def measure(run: Run, start: float | None = None) -> Stats:
-    """The figures from *start* (default: the first entry) on: of the messages sent since then, and of all that ran."""
+    """The figures from *start* (default: the first entry) on: of the messages sent since then, and
+    of all that ran.
+    """
     first = (run.clock[0] if run.clock else 0.0) if start is None else start
     busy_in = span_of(run) if start is None else (first, run.time)
     messages: dict[str, MessageStats] = {}
@@ -167,7 +171,9 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
 
 
 def _count_drop(stats: MessageStats, drop: Drop) -> None:
-    """What one receiver did not get of a message, or direct messages, which have no record of their own."""
+    """What one receiver did not get of a message, or direct messages, which have no record of their
+    own.
+    """
     stats.dropped += drop.number
     if not drop.message_id:
         stats.sent += drop.number
@@ -175,8 +181,8 @@ def _count_drop(stats: MessageStats, drop: Drop) -> None:
 
 
 def _goes_on(run: Run, message: Message) -> bool:
-    """Whether its handler has still to end; of a broadcast or variable that of one of its copies. What a lost
-    module had ahead fails without one.
+    """Whether its handler has still to end; of a broadcast or variable that of one of its copies.
+    What a lost module had ahead fails without one.
     """
     if message.message_class.fans_out and not message.message_class.has_reply:
         handlings = *run.copies.get(message.id, ()), *message.handlings
@@ -209,7 +215,9 @@ def _resources(run: Run, busy_in: Span) -> dict[Key, ResourceStats]:
     return found
 
 
-def _add_queues(run: Run, messages: dict[str, MessageStats], resources: dict[Key, ResourceStats], first: float) -> None:
+def _add_queues(
+    run: Run, messages: dict[str, MessageStats], resources: dict[Key, ResourceStats], first: float
+) -> None:
     """The waits for resources and handlers."""
     spans: dict[Key, list[Span]] = defaultdict(list)
     for wait in run.queueings:

@@ -18,7 +18,13 @@ _NARROWEST_NAME, _LEAST_NAME = 12, 4
 """Columns of a name for which others are left out, and that it has in any case."""
 _AT_LEAST = "+"
 _NONE = "-"
-_ENDS = {"failed": "failed", "resolved": Outcome.RESOLVED, "killed": "killed", "dropped": "dropped", "open": "open"}
+_ENDS = {
+    "failed": "failed",
+    "resolved": Outcome.RESOLVED,
+    "killed": "killed",
+    "dropped": "dropped",
+    "open": "open",
+}
 
 
 class _Column(NamedTuple):
@@ -83,8 +89,9 @@ _RESOURCES = (
 
 
 def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
-    """A line of counts, and both tables, in lines of at most *width* columns (None: 100). Where there is no room they
-    are without longest times, then without rates, medians and so on, as long as there is a number left.
+    """A line of counts, and both tables, in lines of at most *width* columns (None: 100). Where
+    there is no room they are without longest times, then without rates, medians and so on, as long
+    as there is a number left.
     """
     tasks = [one for one in stats.messages if one.is_of_tasks]
     others = [one for one in stats.messages if not one.is_of_tasks]
@@ -100,29 +107,46 @@ def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
         if any(one.failed or one.resolved or one.killed or one.dropped for one in stats.messages):
             lines.append("sent to end: only of what was achieved or answered")
     if stats.resources:
-        named = [(printable(place(one.module, one.resource) or "(no handler)"), one) for one in stats.resources]
+        named = [
+            (printable(place(one.module, one.resource) or "(no handler)"), one)
+            for one in stats.resources
+        ]
         table = _table("resource", _RESOURCES, named, seconds, width)
         start, end = stats.busy_in
-        lines += ["", *table, f"busy: of {duration(end - start)} ({run_time(start)} to {run_time(end)})"]
-        lines += [f"{_AT_LEAST}: at least so long; some still wait"] * any(_AT_LEAST in line for line in table[2:])
+        lines += [
+            "",
+            *table,
+            f"busy: of {duration(end - start)} ({run_time(start)} to {run_time(end)})",
+        ]
+        lines += [f"{_AT_LEAST}: at least so long; some still wait"] * any(
+            _AT_LEAST in line for line in table[2:]
+        )
     if stats.deadlocks:
-        lines.append(f"{counted(stats.deadlocks, 'deadlock')} found: 'tca report' tells which waits were refused")
+        lines.append(
+            f"{counted(stats.deadlocks, 'deadlock')} found: 'tca report' tells which waits were refused"
+        )
     return [cut(line, width) for line in lines]
 
 
 def _sum(messages: Sequence[MessageStats], what: str) -> str:
     """``8 tasks (1 failed, 2 open)``."""
-    news = [(sum(getattr(stats, ended) for stats in messages), words) for ended, words in _ENDS.items()]
+    news = [
+        (sum(getattr(stats, ended) for stats in messages), words) for ended, words in _ENDS.items()
+    ]
     said = ", ".join(f"{number} {ended}" for number, ended in news if number)
     total = counted(sum(stats.sent for stats in messages), what)
     return f"{total} ({said})" if said else total
 
 
 def _table(
-    title: str, columns: Sequence[_Column], rows: Sequence[tuple[str, object]], seconds: float, width: int
+    title: str,
+    columns: Sequence[_Column],
+    rows: Sequence[tuple[str, object]],
+    seconds: float,
+    width: int,
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows. Columns with nothing in them are left out; where
-    there is no room, others are, one after the other, then names are cut.
+    """A line over groups of columns, a line of heads, and the rows. Columns with nothing in them
+    are left out; where there is no room, others are, one after the other, then names are cut.
     """
     made = [(one, [one.head, *(str(one.cell(row, seconds)) for _, row in rows)]) for one in columns]
     kept = [(one, cells) for one, cells in made if {*cells[1:]} != {_NONE}]
@@ -133,7 +157,9 @@ def _table(
         kept = [(one, cells) for one, cells in kept if one.spare != spared]
     names = [title, *(name for name, _ in rows)]
     name_width = min(max(map(columns_of, names)), max(room, _LEAST_NAME))
-    lines = ["".join(_line(padded(name, name_width), kept, place)) for place, name in enumerate(names)]
+    lines = [
+        "".join(_line(padded(name, name_width), kept, place)) for place, name in enumerate(names)
+    ]
     return [_heads(name_width, kept), *lines]
 
 
@@ -158,5 +184,7 @@ def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
     return over.rstrip()
 
 
-def _groups(columns: list[tuple[_Column, list[str]]]) -> Iterator[tuple[str, list[tuple[_Column, list[str]]]]]:
+def _groups(
+    columns: list[tuple[_Column, list[str]]],
+) -> Iterator[tuple[str, list[tuple[_Column, list[str]]]]]:
     return ((name, list(group)) for name, group in groupby(columns, key=lambda pair: pair[0].group))

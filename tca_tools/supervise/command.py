@@ -18,7 +18,11 @@ _NOBODY_READS = 141
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), default="robot.toml")
-@click.option("--only", metavar="NAMES", help="Only these programs, separated by commas; 'central' is one of them.")
+@click.option(
+    "--only",
+    metavar="NAMES",
+    help="Only these programs, separated by commas; 'central' is one of them.",
+)
 @click.option("--check", is_flag=True, help="Check the file, show what it would start, and end.")
 @click.pass_context
 def run(context: click.Context, file: Path, only: str | None, *, check: bool) -> None:
@@ -26,11 +30,11 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
 
     FILE names the programs [default: robot.toml].
 
-    What crashes is started again, later and later; what crashes too often ends all. Ctrl-C or SIGTERM ends the modules,
-    then central; a second one kills what is slow.
+    What crashes is started again, later and later; what crashes too often ends all. Ctrl-C or
+    SIGTERM ends the modules, then central; a second one kills what is slow.
 
-    The exit code is 0 after Ctrl-C or SIGTERM, or when all modules have ended well; 1 when one of them, ended for good,
-    did not, or when a program crashed too often; 2 when the file is wrong.
+    The exit code is 0 after Ctrl-C or SIGTERM, or when all modules have ended well; 1 when one of
+    them, ended for good, did not, or when a program crashed too often; 2 when the file is wrong.
     """
     robot = load(file)
     if only is not None:
@@ -58,4 +62,6 @@ def _show(robot: RobotFile) -> None:
     click.echo(f"central at {robot.address}")
     for program in robot.programs:
         words = " ".join(program.command)
-        click.echo(f"{program.name:{width}}  {printable(words)}  (in {program.cwd}, restart {program.restart})")
+        click.echo(
+            f"{program.name:{width}}  {printable(words)}  (in {program.cwd}, restart {program.restart})"
+        )

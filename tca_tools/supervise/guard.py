@@ -1,9 +1,10 @@
 """The guard: ends programs when the process that has started them is killed.
 
-A process of its own, started as ``python guard.py GRACE STARTER``; it imports only the standard library, so it is
-small. Its standard input is a pipe whose other end the starter holds: the kernel closes it, however the starter dies.
-Each program writes its own process group there before it begins (``+12 0``; one that ends last, as central, ``+7 1``);
-the starter takes it back (``-12``) when the group is gone.
+A process of its own, started as ``python guard.py GRACE STARTER``; it imports only the standard
+library, so it is small. Its standard input is a pipe whose other end the starter holds: the kernel
+closes it, however the starter dies. Each program writes its own process group there before it
+begins (``+12 0``; one that ends last, as central, ``+7 1``); the starter takes it back (``-12``)
+when the group is gone.
 """
 
 import os
@@ -41,7 +42,9 @@ def send(group: int, number: int) -> bool:
 
 
 def is_alive(group: int) -> bool:
-    """Whether a process of a group lives. The dead that nobody reaps, as in many containers, do not count."""
+    """Whether a process of a group lives. The dead that nobody reaps, as in many containers, do not
+    count.
+    """
     return bool(_living([group]))
 
 
@@ -108,7 +111,11 @@ def main() -> None:
             groups[int(group)] = ends_last[0]
     left = _living(groups)
     if left:
-        print(f"tca: {sys.argv[2]} was killed; its {len(left)} programs are ended", file=sys.stderr, flush=True)
+        print(
+            f"tca: {sys.argv[2]} was killed; its {len(left)} programs are ended",
+            file=sys.stderr,
+            flush=True,
+        )
     for now in (b"0", b"1"):
         end_all({group: float(sys.argv[1]) for group in left if groups[group] == now})
 

@@ -1,4 +1,6 @@
-"""Programs that stand still: central tells of those that it hears nothing from though they have not said goodbye."""
+"""Programs that stand still: central tells of those that it hears nothing from though they have not
+said goodbye.
+"""
 
 import os
 import socket
@@ -16,12 +18,18 @@ _AGAIN = 10.0
 
 
 class Silences:
-    """Listens to central's notices, and has those programs killed that it has lost and that live on."""
+    """Listens to central's notices, and has those programs killed that it has lost and that live
+    on.
+    """
 
-    def __init__(self, address: str, programs: list[Supervised], tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, address: str, programs: list[Supervised], tell: Callable[[str], None]
+    ) -> None:
         self._programs = programs
         self._tell = tell
-        self._lost: dict[str, threading.Timer] = {}  #: by process, what is to be done if it stays away
+        self._lost: dict[
+            str, threading.Timer
+        ] = {}  #: by process, what is to be done if it stays away
         self._over = threading.Event()
         self._module = Module(_NAME, address)
         self._module.handles(MODULE_LEFT)(self._on_left)
@@ -72,5 +80,7 @@ class Silences:
             return
         for kept in self._programs:
             if kept.group == group:
-                self._tell(f"{kept.program.name} hangs: central lost its module '{left.module}' ({left.why})")
+                self._tell(
+                    f"{kept.program.name} hangs: central lost its module '{left.module}' ({left.why})"
+                )
                 kept.kill_hung()

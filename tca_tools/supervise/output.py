@@ -7,7 +7,9 @@ from collections import deque
 from collections.abc import Callable
 
 MOST_WAITING = 4 << 20
-"""Bytes that wait for a screen that takes no more: what comes then is dropped, for no program may wait for a reader."""
+"""Bytes that wait for a screen that takes no more: what comes then is dropped, for no program may
+wait for a reader.
+"""
 LONGEST_LINE = 16 << 10
 LAST_LINES = 10
 _AT_ONCE = 1 << 16
@@ -33,8 +35,12 @@ class Output:
         self._is_over = False
         self._changed = threading.Condition()
         self._pipes = selectors.DefaultSelector()  #: of programs that are listened to
-        self._thread = threading.Thread(target=self._write, daemon=True)  # it may stand in a write for ever
-        self.on_closed: Callable[[], object] = lambda: None  #: called by the thread: nobody reads any more
+        self._thread = threading.Thread(
+            target=self._write, daemon=True
+        )  # it may stand in a write for ever
+        self.on_closed: Callable[[], object] = lambda: (
+            None
+        )  #: called by the thread: nobody reads any more
         self.is_closed = False
 
     def start(self) -> None:
@@ -43,7 +49,9 @@ class Output:
         threading.Thread(target=self._read, daemon=True).start()
 
     def listen(self, name: str, pipe: int) -> "Lines":
-        """Show what a program writes into a pipe, until nothing can write there any more; then close it."""
+        """Show what a program writes into a pipe, until nothing can write there any more; then
+        close it.
+        """
         lines = Lines(lambda line: self.put(name, line))
         self._pipes.register(pipe, selectors.EVENT_READ, lines)
         return lines
@@ -66,7 +74,10 @@ class Output:
                 self._dropped += 1
                 return
             if self._dropped:
-                self._add(name, b"(%d lines of all programs were dropped: nobody read them)" % self._dropped)
+                self._add(
+                    name,
+                    b"(%d lines of all programs were dropped: nobody read them)" % self._dropped,
+                )
                 self._dropped = 0
             self._add(name, line)
             self._changed.notify()

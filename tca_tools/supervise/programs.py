@@ -1,6 +1,8 @@
-"""Programs that are started together, and end with the one who started them: of robots, shows, benchmarks and tests.
+"""Programs that are started together, and end with the one who started them: of robots, shows,
+benchmarks and tests.
 
-The caller says what is to start, stop or be killed. ``tca run`` is a caller that keeps its programs running.
+The caller says what is to start, stop or be killed. ``tca run`` is a caller that keeps its programs
+running.
 """
 
 import os
@@ -35,9 +37,11 @@ class ProgramEnded(TcaError):
 
 
 class Programs:
-    """Programs by name, each the leader of a process group. Leaving the block ends them, those last that *end last*.
+    """Programs by name, each the leader of a process group. Leaving the block ends them, those last
+    that *end last*.
 
-    If this process is killed a guard ends them. Programs of different names may be used from different threads.
+    If this process is killed a guard ends them. Programs of different names may be used from
+    different threads.
     """
 
     def __init__(
@@ -85,7 +89,9 @@ class Programs:
 
     def _keep_guard(self) -> None:
         """Replace the guard if it is killed; what that has read it forgets."""
-        while code := subprocess.Popen(self._guard_command, stdin=self._guard_input, start_new_session=True).wait():
+        while code := subprocess.Popen(
+            self._guard_command, stdin=self._guard_input, start_new_session=True
+        ).wait():
             self._tell(f"its guard ended ({code}); another one starts")
             time.sleep(_GUARD_AGAIN)
             for name, process in list(self._running.items()):
@@ -94,23 +100,34 @@ class Programs:
     def _ends_last(self, name: str) -> bool:
         return bool(self._starts[name][1]["ends_last"])
 
-    # --- what is to run ----------------------------------------------------------------------------------------------
+    # --- what is to run ---------------------------------------------------------------------------
 
     def start(self, name: str, *command: str, ends_last: bool = False, **options: Any) -> int:
-        """Start a program under this name, with options of ``subprocess.Popen``; its process. Raises OSError."""
+        """Start a program under this name, with options of ``subprocess.Popen``; its process.
+        Raises OSError.
+        """
 
         def tell_guard() -> None:
             """In the new process: from its first moment on something ends it, and can."""
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells have what they start in the background ignore it
+            signal.signal(
+                signal.SIGINT, signal.SIG_DFL
+            )  # shells have what they start in the background ignore it
             os.write(self._guarded, guard.started(os.getpid(), ends_last=ends_last))
 
         self._starts[name] = command, {"ends_last": ends_last, **options}
-        with Path(os.devnull).open("ab") if self._folder is None else self.log(name).open("ab") as output:
+        with (
+            Path(os.devnull).open("ab")
+            if self._folder is None
+            else self.log(name).open("ab") as output
+        ):
             given = {"env": self._environment, "stdout": output, "stderr": output, **options}
             self._running[name] = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, start_new_session=True, **given,
+                command,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+                **given,
                 preexec_fn=tell_guard,  # noqa: PLW1509 - it needs no lock that another thread may hold
-            )  # fmt: skip
+            )
         return self._running[name].pid
 
     def start_module(self, name: str, module: str, *arguments: str, ends_last: bool = False) -> int:
@@ -118,7 +135,9 @@ class Programs:
         return self.start(name, sys.executable, "-m", module, *arguments, ends_last=ends_last)
 
     def stop(self, *names: str) -> list[int]:
-        """Let programs finish, and wait; those that do not end in time are killed. Their exit codes."""
+        """Let programs finish, and wait; those that do not end in time are killed. Their exit
+        codes.
+        """
         guard.end_all({self._running[name].pid: self._grace for name in names})
         return [self.kill(name) for name in names]
 
@@ -146,7 +165,7 @@ class Programs:
         """Have a program stand still: it takes what it is sent, and does nothing."""
         guard.send(self._running[name].pid, signal.SIGSTOP)
 
-    # --- how they are ------------------------------------------------------------------------------------------------
+    # --- how they are -----------------------------------------------------------------------------
 
     def numbers(self) -> dict[str, int]:
         """The numbers of the programs' processes."""
@@ -158,7 +177,9 @@ class Programs:
             if process.poll() is not None:
                 raise ProgramEnded(f"{name} has ended: see {self.log(name)}")
 
-    def wait_until_handled(self, sender: Sender, *messages: Message[Any, Any], timeout: float = START_TIME) -> None:
+    def wait_until_handled(
+        self, sender: Sender, *messages: Message[Any, Any], timeout: float = START_TIME
+    ) -> None:
         """Wait until programs handle each of these messages. Raises ProgramEnded and Timeout."""
         deadline = time.monotonic() + timeout
         while True:
@@ -170,7 +191,9 @@ class Programs:
                     raise
 
     def looks(self, task: SentTask[Any], period: float = 0.1) -> Iterator[bool]:
-        """Time to look at a task, until it has ended: whether it has. Raises ProgramEnded if a program does before."""
+        """Time to look at a task, until it has ended: whether it has. Raises ProgramEnded if a
+        program does before.
+        """
         while True:
             try:
                 task.wait(period)
@@ -188,13 +211,16 @@ class Programs:
 
 
 @contextmanager
-def central_in(folder: Path, prefix: str = "", *, is_fresh: bool = True) -> Iterator[tuple[str, Programs]]:
+def central_in(
+    folder: Path, prefix: str = "", *, is_fresh: bool = True
+) -> Iterator[tuple[str, Programs]]:
     """Central, with a journal in the folder: its address, and the programs beside it.
 
     Args:
         folder: the place of the journal and of what the programs print.
         prefix: the beginning of their names there.
-        is_fresh: a new run begins also where one is unfinished. False: it continues, as after central was killed.
+        is_fresh: a new run begins also where one is unfinished. False: it continues, as after
+            central was killed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="show") as sockets:

@@ -25,7 +25,9 @@ class Restarts:
         self._ends = [*(end for end in self._ends if end > now - limits.within), now]
         if self.count > limits.restarts:
             return None
-        return min(limits.longest_delay, limits.delay * 2.0 ** min(self.count - 1, _LONGEST_DOUBLING))
+        return min(
+            limits.longest_delay, limits.delay * 2.0 ** min(self.count - 1, _LONGEST_DOUBLING)
+        )
 
 
 def how_it_ended(code: int) -> str:

@@ -15,7 +15,9 @@ from tca_tools.supervise.supervised import Supervised
 from tca_wire.text.printable import printable
 
 _SAME = 0.5
-"""Seconds in which a second signal is the same one: "timeout" sends it to the program and to its group."""
+"""Seconds in which a second signal is the same one: "timeout" sends it to the program and to its
+group.
+"""
 
 
 class Running:
@@ -23,7 +25,9 @@ class Running:
 
     def __init__(self, robot: RobotFile, output: Output) -> None:
         self._output = output
-        self._reasons: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()  #: to end, with their times
+        self._reasons: queue.SimpleQueue[tuple[float, str]] = (
+            queue.SimpleQueue()
+        )  #: to end, with their times
         self._asked = 0.0  #: when it was asked to end
         grace = max(program.limits.grace for program in robot.programs)
         self._programs = Programs(grace=grace, starter="'tca run'", tell=self._tell)
@@ -32,14 +36,18 @@ class Running:
         self._silences = Silences(robot.address, hung, self._tell) if hung else None
 
     def run(self) -> bool:
-        """Run it until it is ended, or until its modules have ended: whether they did well. Raises GaveUp."""
+        """Run it until it is ended, or until its modules have ended: whether they did well. Raises
+        GaveUp.
+        """
         self._hear_signals()
         self._output.on_closed = lambda: self._end("nobody reads the output")
         with self._programs, ThreadPoolExecutor(len(self._kept)) as threads:
             keeping = {kept: threads.submit(kept.keep) for kept in self._kept}
             for future in keeping.values():
                 future.add_done_callback(lambda _: self._end(""))
-            modules = {kept: future for kept, future in keeping.items() if not kept.program.is_central}
+            modules = {
+                kept: future for kept, future in keeping.items() if not kept.program.is_central
+            }
             if self._silences is not None:
                 self._silences.start()
             failure = self._wait(modules, list(keeping.values()))
@@ -51,7 +59,9 @@ class Running:
             raise failure
         return all(kept.code in (0, None) for kept in modules)
 
-    def _wait(self, modules: dict[Supervised, "Future[None]"], keeping: list["Future[None]"]) -> BaseException | None:
+    def _wait(
+        self, modules: dict[Supervised, "Future[None]"], keeping: list["Future[None]"]
+    ) -> BaseException | None:
         """Wait until it is to end; the error that ends it, if one does."""
         while True:
             asked, why = self._reasons.get()
@@ -67,7 +77,9 @@ class Running:
                 return None
 
     def _end_programs(self, keeping: dict[Supervised, "Future[None]"]) -> None:
-        """End programs, and wait until their threads have done with them. Asked once more, what is slow at once."""
+        """End programs, and wait until their threads have done with them. Asked once more, what is
+        slow at once.
+        """
         hurries = False
 
         def is_hurried() -> bool:
@@ -106,4 +118,6 @@ class Running:
 
     def _tell(self, text: str) -> None:
         up = sum(kept.group != 0 for kept in self._kept)
-        self._output.put(RUN, f"{printable(text)} [{up} of {len(self._kept)} run]".encode(errors="replace"))
+        self._output.put(
+            RUN, f"{printable(text)} [{up} of {len(self._kept)} run]".encode(errors="replace")
+        )

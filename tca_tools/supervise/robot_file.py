@@ -1,4 +1,6 @@
-"""robot.toml: the programs of a robot, and how they are kept running. All of it is checked before anything starts."""
+"""robot.toml: the programs of a robot, and how they are kept running. All of it is checked before
+anything starts.
+"""
 
 import os
 import re
@@ -49,22 +51,31 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
 
 class _CentralTable(Limits, frozen=True, kw_only=True):
     start: Annotated[bool, Meta(description="true, or false if central runs already")] = True
-    address: Annotated[str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')] = ""
+    address: Annotated[
+        str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')
+    ] = ""
     journal: PathName = ""
     options: Annotated[
-        list[str], Meta(description="a list of options of 'tca central', such as [\"--sync\", \"always\"]")
-    ] = []  # fmt: skip
+        list[str],
+        Meta(description='a list of options of \'tca central\', such as ["--sync", "always"]'),
+    ] = []
 
 
 class _ModuleTable(Limits, frozen=True, kw_only=True):
     command: Annotated[
-        str | list[str], Meta(description='what starts the program, such as "python legs.py", or a list of its words')
-    ]  # fmt: skip
+        str | list[str],
+        Meta(
+            description='what starts the program, such as "python legs.py", or a list of its words'
+        ),
+    ]
     cwd: PathName = ""
-    env: Annotated[dict[str, str], Meta(description='a table of texts, such as { SIDE = "left" }')] = {}
+    env: Annotated[
+        dict[str, str], Meta(description='a table of texts, such as { SIDE = "left" }')
+    ] = {}
     restart: Annotated[
-        Literal["on-failure", "always", "never"], Meta(description='"on-failure", "always" or "never"')
-    ] = "on-failure"  # fmt: skip
+        Literal["on-failure", "always", "never"],
+        Meta(description='"on-failure", "always" or "never"'),
+    ] = "on-failure"
     hung: Annotated[Literal["leave", "restart"], Meta(description='"leave" or "restart"')] = "leave"
     copies: Annotated[int, Meta(ge=1, le=99, description="a whole number from 1 to 99")] = 1
 
@@ -98,12 +109,16 @@ class RobotFile(msgspec.Struct, frozen=True):
     """Central first, if it is to be started."""
 
     def only(self, names: list[str]) -> "RobotFile":
-        """The same with these programs alone; a module's name means all of its copies. Raises BadUserFile."""
+        """The same with these programs alone; a module's name means all of its copies. Raises
+        BadUserFile.
+        """
         known = {program.name.partition(".")[0] for program in self.programs}
         for name in names:
             if name not in known:
                 raise BadUserFile(f"--only {name}: {nearest_or_all(name, known)}")
-        return RobotFile(self.address, [one for one in self.programs if one.name.partition(".")[0] in names])
+        return RobotFile(
+            self.address, [one for one in self.programs if one.name.partition(".")[0] in names]
+        )
 
 
 def load(path: Path) -> RobotFile:
@@ -141,14 +156,29 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
 
 
 def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
-    """A journal of its own for each run of the robot, unless one is named: a restarted central goes on with it."""
+    """A journal of its own for each run of the robot, unless one is named: a restarted central goes
+    on with it.
+    """
     journal = _path(folder, table.journal) if table.journal else new_journal()
-    command = [sys.executable, "-m", "tca_central", "--bind", address, "--journal", str(journal), *table.options]
+    command = [
+        sys.executable,
+        "-m",
+        "tca_central",
+        "--bind",
+        address,
+        "--journal",
+        str(journal),
+        *table.options,
+    ]
     environment = _environment(address, {})
-    return Launch(name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal)
+    return Launch(
+        name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal
+    )
 
 
-def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder: Path) -> list[Launch]:
+def _copies(
+    name: str, given: Any, common: dict[str, Any], address: str, folder: Path
+) -> list[Launch]:
     """The programs of a module's table."""
     place = f"modules.{name}"
     if not _NAME.fullmatch(name) or name in (CENTRAL, RUN):
@@ -157,20 +187,32 @@ def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder:
         )
     table = read_table(_ModuleTable, place, given, common)
     if table.hung == "restart" and table.restart == "never":
-        raise BadUserFile(f'{place}.hung is "restart", and restart is "never": leave one of them out')
+        raise BadUserFile(
+            f'{place}.hung is "restart", and restart is "never": leave one of them out'
+        )
     cwd = _path(folder, table.cwd)
     if not cwd.is_dir():
         raise BadUserFile(f"{place}.cwd: there is no folder {cwd}")
     command, env = _words(place, table.command), _environment(address, table.env)
-    if shutil.which(cwd / command[0] if "/" in command[0] else command[0], path=env["PATH"]) is None:
-        raise BadUserFile(f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}")
+    if (
+        shutil.which(cwd / command[0] if "/" in command[0] else command[0], path=env["PATH"])
+        is None
+    ):
+        raise BadUserFile(
+            f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}"
+        )
     return [
         Launch(
-            name=f"{name}.{number}" if table.copies > 1 else name, command=command, cwd=cwd, env=env, limits=table,
-            restart=table.restart, restarts_hung=table.hung == "restart",
+            name=f"{name}.{number}" if table.copies > 1 else name,
+            command=command,
+            cwd=cwd,
+            env=env,
+            limits=table,
+            restart=table.restart,
+            restarts_hung=table.hung == "restart",
         )
         for number in range(1, table.copies + 1)
-    ]  # fmt: skip
+    ]
 
 
 def _words(place: str, command: str | list[str]) -> list[str]:

@@ -1,4 +1,6 @@
-"""Whether the disk of a journal has room again: central ends when it is full, and continues when it is not."""
+"""Whether the disk of a journal has room again: central ends when it is full, and continues when it
+is not.
+"""
 
 import os
 from pathlib import Path
@@ -9,7 +11,9 @@ ROOM = 1 << 20
 
 
 def has_room(folder: Path) -> bool:
-    """Whether so much can be written in a folder, or where that is to be made. Quotas count, so it is tried."""
+    """Whether so much can be written in a folder, or where that is to be made. Quotas count, so it
+    is tried.
+    """
     place = next(one for one in (folder, *folder.resolve().parents) if one.is_dir())
     try:
         with TemporaryFile(dir=place) as probe:

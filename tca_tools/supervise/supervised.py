@@ -16,7 +16,9 @@ from tca_tools.supervise.room import has_room
 from tca_wire.vocabulary import DISK_FULL
 
 _LEAST_DELAY = 0.1  # seconds between two looks for room
-_LAST_WORDS = 1.0  # seconds to read what an ended process has said, should another one hold its pipe
+_LAST_WORDS = (
+    1.0  # seconds to read what an ended process has said, should another one hold its pipe
+)
 
 
 class GaveUp(Exception):
@@ -31,7 +33,9 @@ class GaveUp(Exception):
 class Supervised:
     """A program and its process. ``keep`` is all of its life."""
 
-    def __init__(self, program: Launch, output: Output, tell: Callable[[str], None], programs: Programs) -> None:
+    def __init__(
+        self, program: Launch, output: Output, tell: Callable[[str], None], programs: Programs
+    ) -> None:
         self.program = program
         self.stop = threading.Event()  #: it is not to be started again
         self.code: int | None = None  #: how it ended, if it is not to start again
@@ -55,9 +59,17 @@ class Supervised:
             if code == DISK_FULL and self.program.journal is not None:
                 self._wait_for_room(self.program.journal)
                 continue
-            how = "hung and was killed" if self._is_hung else "can't be started" if code is None else how_it_ended(code)
+            how = (
+                "hung and was killed"
+                if self._is_hung
+                else "can't be started"
+                if code is None
+                else how_it_ended(code)
+            )
             lived = f" after {time.monotonic() - began:.1f} s" if code is not None else ""
-            if self.program.restart == "never" or (self.program.restart == "on-failure" and code == 0):
+            if self.program.restart == "never" or (
+                self.program.restart == "on-failure" and code == 0
+            ):
                 self.code = code
                 self._tell(f"{self.program.name} {how}{lived}")
                 return
@@ -94,9 +106,14 @@ class Supervised:
         read, write = os.pipe()
         try:
             self.group = self._programs.start(
-                program.name, *program.command, ends_last=program.is_central, cwd=program.cwd, env=program.env,
-                stdout=write, stderr=write,
-            )  # fmt: skip
+                program.name,
+                *program.command,
+                ends_last=program.is_central,
+                cwd=program.cwd,
+                env=program.env,
+                stdout=write,
+                stderr=write,
+            )
         except OSError as error:
             os.close(read)
             self._last = [f"{program.command[0]}: {error.strerror}".encode()]

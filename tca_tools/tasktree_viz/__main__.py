@@ -18,19 +18,35 @@ from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.text.printable import printable
 
 _DRAWN, _MOST_DRAWN, _MOST_IN_FIGURE = 120, 240, 60
-"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows or boxes than the others."""
+"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows or boxes
+than the others.
+"""
 
 
 @click.command()
 @shared_options
-@click.option("--story", metavar="TASK", help="The story of this task (or query, ...), and of its failure.")
+@click.option(
+    "--story", metavar="TASK", help="The story of this task (or query, ...), and of its failure."
+)
 @output_option(".svg, .png, .pdf, .html, .dot or .txt")
-@click.option("--layout", type=click.Choice(LAYOUTS), default="auto", help="How pictures look [auto: by their size].")
+@click.option(
+    "--layout",
+    type=click.Choice(LAYOUTS),
+    default="auto",
+    help="How pictures look [auto: by their size].",
+)
 @click.option("--data", is_flag=True, help="Show the tasks' data and results, too.")
 @click.option("--all", "everything", is_flag=True, help="Fold up nothing of a large tree.")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw guides with ASCII characters.")
 def tree(
-    asked: Asked, story: str | None, output: Path | None, layout: str, *, data: bool, everything: bool, as_ascii: bool
+    asked: Asked,
+    story: str | None,
+    output: Path | None,
+    layout: str,
+    *,
+    data: bool,
+    everything: bool,
+    as_ascii: bool,
 ) -> None:
     """Show the task tree of a run.
 
@@ -70,7 +86,9 @@ def _forest(at: RunAt, asked: Asked) -> Forest:
 
 
 def _chosen_rows(forest: Forest, everything: bool, kind: str, layout: str) -> list[Row]:
-    """A text scrolls, so it is folded only when it is long; a picture also when it is wide, a figure most of all."""
+    """A text scrolls, so it is folded only when it is long; a picture also when it is wide, a
+    figure most of all.
+    """
     if everything or (len(forest.tasks) <= SHOWN_AT_MOST and kind == ".txt"):
         return whole_outline(forest)
     if kind == ".txt":

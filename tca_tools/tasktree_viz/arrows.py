@@ -1,4 +1,6 @@
-"""The constraint arrows of a picture: one between two tasks, however many constraints, labelled by their kinds."""
+"""The constraint arrows of a picture: one between two tasks, however many constraints, labelled by
+their kinds.
+"""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -52,7 +54,9 @@ class Arrows:
     own: dict[int, list[ArrowKind]] = field(default_factory=dict)
     """For each task, the kinds of those with itself that no arrow to it carries."""
     unseen: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
-    """Arrows as in *between*, from tasks that are not shown to one that is: folded up, or not in the part."""
+    """Arrows as in *between*, from tasks that are not shown to one that is: folded up, or not in
+    the part.
+    """
 
     @property
     def kinds(self) -> set[str]:
@@ -73,7 +77,9 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
         own = incoming.pop(task_id, [])
         sequence = next((kinds for kinds in incoming.values() if _is_sequence(kinds)), None)
         if DELAYED in own and sequence is not None:
-            own.remove(delayed)  # "after it, and not even planned before": one arrow, as the literature draws it
+            own.remove(
+                delayed
+            )  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, delayed)
         known = _befores(at, incoming) if incoming.keys() - shown else set()
         for one, kinds in incoming.items():
@@ -87,9 +93,11 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
     return found
 
 
-def in_words(at: RunAt, found: Arrows, drawn: Mapping[tuple[int, int], Collection[ArrowKind]]) -> dict[int, list[str]]:
-    """For each task its constraints in words, but for the kinds that are *drawn* between two: ``plan first``,
-    ``after walk {3} and look {4}``, ``plan ahead: after walk {3}``.
+def in_words(
+    at: RunAt, found: Arrows, drawn: Mapping[tuple[int, int], Collection[ArrowKind]]
+) -> dict[int, list[str]]:
+    """For each task its constraints in words, but for the kinds that are *drawn* between two:
+    ``plan first``, ``after walk {3} and look {4}``, ``plan ahead: after walk {3}``.
     """
     names: dict[tuple[int, str], list[str]] = {}
     for pair, kinds in (found.between | found.unseen).items():
@@ -103,19 +111,25 @@ def in_words(at: RunAt, found: Arrows, drawn: Mapping[tuple[int, int], Collectio
 
 
 def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
-    """The tasks after which some others are achieved: who waits for those need not be said to wait for these."""
+    """The tasks after which some others are achieved: who waits for those need not be said to wait
+    for these.
+    """
     constraints = (one for task in tasks for one in at.tasks[task].constraints)
     return {one.before.task for one in constraints if kind_of_arrow(one).name == SEQ}
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
-    """Leave out arrows that skip a task: the successors of a killed task wait for its predecessors."""
+    """Leave out arrows that skip a task: the successors of a killed task wait for its
+    predecessors.
+    """
     rows = {pair for pair, kinds in between.items() if _is_sequence(kinds)}
     following: dict[int, list[int]] = {}
     for before, after in rows:
         following.setdefault(before, []).append(after)
     for before, after in rows:
-        if between[before, after] == [SEQ] and any((one, after) in rows for one in following[before]):
+        if between[before, after] == [SEQ] and any(
+            (one, after) in rows for one in following[before]
+        ):
             del between[before, after]
 
 

@@ -1,7 +1,7 @@
 """The task tree as a picture, in the language of Graphviz: as figure 2 of Simmons 1994 draws it.
 
-Narrow arrows down lead from a task to its subtasks, which stand from left to right as they were sent; heavy arrows are
-temporal constraints.
+Narrow arrows down lead from a task to its subtasks, which stand from left to right as they were
+sent; heavy arrows are temporal constraints.
 """
 
 from collections.abc import Iterator
@@ -43,9 +43,14 @@ _PREVIEWS = {
     TaskRole.WASTED: "#a0522d",
     TaskRole.RESTORING: "#52606d",
 }
-_SENT_AHEAD = {PREVIEWED[role]: (colour, f"by a coordinator: {PREVIEWED[role]}") for role, colour in _PREVIEWS.items()}
+_SENT_AHEAD = {
+    PREVIEWED[role]: (colour, f"by a coordinator: {PREVIEWED[role]}")
+    for role, colour in _PREVIEWS.items()
+}
 _LEGEND_LINE, _LEGEND_WIDTH = 18, 400
-"""Generous, as dot complains of tables too small where a machine has only fonts with large letters."""
+"""Generous, as dot complains of tables too small where a machine has only fonts with large
+letters.
+"""
 _MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
@@ -63,7 +68,9 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
         families.setdefault(row.parent, []).append(_id(row))
     beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
     # words on an arrow over other boxes would lie on those
-    drawn = {(a, b): kinds for (a, b), kinds in found.between.items() if (f"t{a}", f"t{b}") in beside}
+    drawn = {
+        (a, b): kinds for (a, b), kinds in found.between.items() if (f"t{a}", f"t{b}") in beside
+    }
     said = in_words(at, found, drawn)
     for row in rows:
         yield _node(at, row, said.get(row.task.id, []) if row.task else [], with_data)
@@ -104,7 +111,9 @@ def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
 
 
 def looks_of(task: TaskAt) -> tuple[str, str] | None:
-    """The border of a task that no module sent, that no module handles, or that was sent ahead; and what it is."""
+    """The border of a task that no module sent, that no module handles, or that was sent ahead; and
+    what it is.
+    """
     if task.message_class.is_monitor:
         return _MONITOR
     return ROLES.get(task.role) or _SENT_AHEAD.get(task.preview)
@@ -146,7 +155,9 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
     meanings += [(colour, "border", meaning) for colour, meaning in borders(rows)]
     if states:
         width = sum(len(state) * 7 + 18 for state in states)  # generous, too
-        looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
+        looks = (
+            f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
+        )
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
     if meanings:
         size = f'fixedsize="true" width="{_LEGEND_WIDTH}" height="{_LEGEND_LINE * len(meanings)}"'
@@ -156,7 +167,9 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         folded = escape(words.FOLDED_UP)
         lines.append(f'<font point-size="10">dashed, with +: {folded}</font>')
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
-    return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
+    return (
+        f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
+    )
 
 
 def _meaning(colour: str, what: str, meaning: str) -> str:

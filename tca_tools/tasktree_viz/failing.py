@@ -30,7 +30,9 @@ _MOST_LINKS = 30
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One thing that happened on the way of a failure; *depth* says how far from the task that was asked about."""
+    """One thing that happened on the way of a failure; *depth* says how far from the task that was
+    asked about.
+    """
 
     time: float
     depth: int
@@ -40,7 +42,9 @@ class Link:
 
 
 def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
-    """The failures that led to a task's failure or kill, oldest first, as known at *moment*; empty if all went well."""
+    """The failures that led to a task's failure or kill, oldest first, as known at *moment*; empty
+    if all went well.
+    """
     task = run.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
     waiting = [_FailureCause(task, (), moment, moment)]
@@ -66,10 +70,12 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
 
 
 _Place = tuple[int, ...]
-"""Which step of a message it is, after the places of what that is a cause of: of two at one time the first."""
+"""Which step of a message it is, after the places of what that is a cause of: of two at one time
+the first.
+"""
 _CAUSES, _ITSELF, _CALLS, _AGAIN, _END = range(5)
-"""The steps of a message in order: what it failed of, that it failed, who was called and whether he failed, that it is
-to be handled again, its end.
+"""The steps of a message in order: what it failed of, that it failed, who was called and whether he
+failed, that it is to be handled again, its end.
 """
 
 
@@ -85,8 +91,8 @@ class _FailureCause(NamedTuple):
 
 
 def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
-    """By time; at one time all failures come before who is killed for them, from top to bottom, but for exception
-    handlers: what becomes of them decides what becomes of what they were called for.
+    """By time; at one time all failures come before who is killed for them, from top to bottom, but
+    for exception handlers: what becomes of them decides what becomes of what they were called for.
     """
     time, place, _ = found
     *causes, step, _ = place
@@ -170,7 +176,9 @@ def _has_tried_again(task: Task, moment: float) -> bool:
 
 
 def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
-    """The message that its handler waited for when it failed; then the exception handlers that failed too."""
+    """The message that its handler waited for when it failed; then the exception handlers that
+    failed too.
+    """
     message, place, moment, known = failed
     runs = [one for one in message.handlings if one.outcome is Outcome.FAILED]
     runs = [one for one in runs if (one.end or 0.0) <= moment]
@@ -206,8 +214,8 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
 
 
 def _culprits(run: Run, task: Task) -> list[Task]:
-    """Whose failure a task was killed for, that had not failed itself: nobody handled that, or the exception handler
-    that was called for it asked for the kill.
+    """Whose failure a task was killed for, that had not failed itself: nobody handled that, or the
+    exception handler that was called for it asked for the kill.
     """
     handler = decider(run, task.killer)
     failed = run.tasks.get(task.killed_for, task)
@@ -216,11 +224,15 @@ def _culprits(run: Run, task: Task) -> list[Task]:
     return [failed] if failed is not task and failed.failures else []
 
 
-# --- passed deadlines: the things waited for, their holders, and the time spent suspended -----------------------------
+# --- passed deadlines: the things waited for, their holders, and the time spent suspended ---------
 
 
-def _out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> Iterator[tuple[float, bool, str]]:
-    """The causes of a passed deadline: since when, whether of something else, and in words; empty if unknown."""
+def _out_of_time(
+    run: Run, message: Message, failed: float, failure: Failure
+) -> Iterator[tuple[float, bool, str]]:
+    """The causes of a passed deadline: since when, whether of something else, and in words; empty
+    if unknown.
+    """
     deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
@@ -238,16 +250,23 @@ def _out_of_time(run: Run, message: Message, failed: float, failure: Failure) ->
 
 
 def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
-    """The handlers and lock holders of whatever the task waited for in the end when its time ran out."""
+    """The handlers and lock holders of whatever the task waited for in the end when its time ran
+    out.
+    """
     ends = Ends.at(at).of(task.id, _FAR)
-    for number in [end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims][:NAMED]:
+    for number in [
+        end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims
+    ][:NAMED]:
         claim, message = at.run.claims.get(number), at.run.messages.get(number)
         if claim is not None and claim.granted is not None and at.is_granted(claim):
             since, what = claim.granted, f"{claim.sender} had the {claim}"
         elif message is None or message.message_class.asks_many:
             continue
         elif (run := at.handling_of(message)) is not None:
-            since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
+            since, what = (
+                run.start,
+                f"{message} was being handled by {place(run.module, run.resource)}",
+            )
         else:
             continue
         how_long = duration(failed - since)

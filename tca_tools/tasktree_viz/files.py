@@ -17,11 +17,17 @@ LAYOUTS = ("auto", "figure", "outline")
 _MOST_DRAWN = 3000
 """Beyond that many boxes nobody could read the picture."""
 _FIGURE, _FIGURE_WIDE = 14, 9
-"""A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on a screen."""
+"""A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on
+a screen.
+"""
 
 
-def write_picture(output: Path, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool) -> None:
-    """Write the kind of picture that the file's name asks for. Raises ToolError if that can't be done."""
+def write_picture(
+    output: Path, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool
+) -> None:
+    """Write the kind of picture that the file's name asks for. Raises ToolError if that can't be
+    done.
+    """
     is_source = output.suffix == ".dot"
     if len(rows) > _MOST_DRAWN and not is_source:
         raise NoPicture(

@@ -1,7 +1,9 @@
-"""Lanes for lines from tasks to those that wait for them, at the left of brothers, so that none can be misread. Pure.
+"""Lanes for lines from tasks to those that wait for them, at the left of brothers, so that none can
+be misread. Pure.
 
-A line joins all that are waited for by the same tasks: a head at each that waits, none at the others. All of its heads
-are below all the others, so whoever follows it sees exactly who waits for whom.
+A line joins all that are waited for by the same tasks: a head at each that waits, none at the
+others. All of its heads are below all the others, so whoever follows it sees exactly who waits for
+whom.
 """
 
 from bisect import bisect, insort
@@ -32,12 +34,16 @@ class Line:
 
     @property
     def ends(self) -> tuple[int, int]:
-        """Where it begins and ends, in halves of rows: it leaves a box in the lower half, and comes to the upper."""
+        """Where it begins and ends, in halves of rows: it leaves a box in the lower half, and comes
+        to the upper.
+        """
         return 2 * self.sources[0] + 1, 2 * self.to[-1]
 
 
 def lines(pairs: Iterable[tuple[int, int]]) -> list[Line]:
-    """The lines of brothers, for pairs of a row and one below that waits for it. What has no room is left out."""
+    """The lines of brothers, for pairs of a row and one below that waits for it. What has no room
+    is left out.
+    """
     sources: dict[int, list[int]] = {}
     for source, to in sorted(pairs):
         sources.setdefault(to, []).append(source)
@@ -64,6 +70,10 @@ def _laid(found: Iterable[Line]) -> list[Line]:
 
 
 def _has_room(taken: list[tuple[int, int]], start: int, end: int) -> bool:
-    """Whether nothing that is in a lane, from top to bottom, is beside what goes from start to end."""
+    """Whether nothing that is in a lane, from top to bottom, is beside what goes from start to
+    end.
+    """
     behind = bisect(taken, (start, end))
-    return (behind == len(taken) or taken[behind][0] >= end) and (behind == 0 or taken[behind - 1][1] <= start)
+    return (behind == len(taken) or taken[behind][0] >= end) and (
+        behind == 0 or taken[behind - 1][1] <= start
+    )

@@ -1,4 +1,5 @@
-"""Which tasks of a tree are shown, in which order: every task, or what says little in a large tree folded up.
+"""Which tasks of a tree are shown, in which order: every task, or what says little in a large tree
+folded up.
 
 Nothing here recurses: a tree may be a million deep.
 """
@@ -29,7 +30,9 @@ _WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.RESOLVED,
 
 @dataclass(slots=True)
 class Row:
-    """One task, or folded ones in its place, in the order of reading (a task before what is under it)."""
+    """One task, or folded ones in its place, in the order of reading (a task before what is under
+    it).
+    """
 
     task: TaskAt | None
     parent: int
@@ -48,7 +51,9 @@ class Row:
 
     @property
     def state(self) -> str:
-        """Of folded ones their state, if all have one; the worst of those that are over, if all are; else ""."""
+        """Of folded ones their state, if all have one; the worst of those that are over, if all
+        are; else "".
+        """
         if len(self.states) == 1:
             return next(iter(self.states))
         if self.states.keys() <= {*_WORST_FIRST}:
@@ -57,10 +62,14 @@ class Row:
 
 
 def outline(
-    at: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST, budget: int | None = None
+    at: Forest,
+    shown_at_most: int = SHOWN_AT_MOST,
+    beside_at_most: int = BESIDE_AT_MOST,
+    budget: int | None = None,
 ) -> list[Row]:
-    """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all was achieved, or
-    killed with what they are under, those deep down first, until about *budget* tasks are shown (None: as many).
+    """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all
+    was achieved, or killed with what they are under, those deep down first, until about *budget*
+    tasks are shown (None: as many).
     """
     loud = _loud(at)
     shown = set[int](at.tasks)
@@ -89,7 +98,9 @@ def _children(at: Forest, row: Row) -> Sequence[TaskId]:
 
 
 def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
-    """The rows of a tree in order, of which *below* tells those right under one; first those under the root."""
+    """The rows of a tree in order, of which *below* tells those right under one; first those under
+    the root.
+    """
     rows: list[Row] = []
     waiting = [Row(None, -1, -1)]  # a stack: the last goes first
     while waiting and len(rows) < at_most:
@@ -108,8 +119,9 @@ def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Ro
 
 
 def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
-    """At most so many rows. Of too many side by side the first and last are kept of those that failed, go on or were
-    killed for a reason of their own, then of others. If there are too many even so, the last ones are folded.
+    """At most so many rows. Of too many side by side the first and last are kept of those that
+    failed, go on or were killed for a reason of their own, then of others. If there are too many
+    even so, the last ones are folded.
     """
     if len(rows) <= at_most:
         return rows
@@ -157,7 +169,10 @@ def _cut_off(rows: list[Row], at_most: int) -> list[Row]:
     if len(rows) <= at_most:
         return rows
     rest = sum(row.folded or 1 for row in rows[at_most:])
-    return [*rows[:at_most], Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most)]
+    return [
+        *rows[:at_most],
+        Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most),
+    ]
 
 
 def _folded(at: Forest, rows: list[Row]) -> Row:
@@ -182,12 +197,14 @@ def _fold(at: Forest, into: Row, tasks: Sequence[TaskId]) -> Row:
 
 
 def _loud(at: Forest) -> set[int]:
-    """The tasks that are shown in any case: those that go on, that failed, or were killed for a reason of their own,
-    and all that they are under.
+    """The tasks that are shown in any case: those that go on, that failed, or were killed for a
+    reason of their own, and all that they are under.
     """
     loud = {int(ROOT)}
     for number in sorted(at.tasks, reverse=True):  # children have larger numbers than their parents
-        if number in loud or not (at.tasks[number].state is TaskState.ACHIEVED or _went_along(at, at.tasks[number])):
+        if number in loud or not (
+            at.tasks[number].state is TaskState.ACHIEVED or _went_along(at, at.tasks[number])
+        ):
             loud.update((number, at.tasks[number].parent))
     return loud
 
@@ -201,8 +218,8 @@ def _went_along(at: Forest, task: TaskAt) -> bool:
 
 
 def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
-    """The tasks to show: those that are in any case, then others from the top down, of many alike side by side the
-    first and the last.
+    """The tasks to show: those that are in any case, then others from the top down, of many alike
+    side by side the first and the last.
     """
     shown, samples = set(loud), set[int]()
     level = deque([ROOT])
@@ -214,7 +231,9 @@ def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
-    return shown - {one for one in samples - loud if at.children(one) and shown.isdisjoint(at.children(one))}
+    return shown - {
+        one for one in samples - loud if at.children(one) and shown.isdisjoint(at.children(one))
+    }
 
 
 def _ends(at: Forest, tasks: Sequence[TaskId]) -> list[TaskId]:

@@ -1,4 +1,5 @@
-"""A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its times.
+"""A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its
+times.
 
 It grows downwards only.
 """
@@ -32,7 +33,9 @@ _LINE, _BOX, _ROW, _GAP, _TIMES = 15.0, 19.0, 25.0, 18.0, 460.0
 _INDENT, _DEEPEST, _LANE = 22.0, 420.0, 6.0
 """Pixels: of a level, of as many levels as there are, and between two lanes of lines."""
 _LEAST_INDENT = _INDENT / 2
-"""Where a level has less room, lines of one would run into those of the next: all is said in words."""
+"""Where a level has less room, lines of one would run into those of the next: all is said in
+words.
+"""
 _LONGEST_NAME, _LONGEST_DATA, _LONGEST_AFTER, _NOTE_COLUMNS, _NOTE_LINES = 44, 160, 100, 54, 3
 _TICK_DISTANCE = 80.0
 _COMES, _ROUND = 4.5, 4.0
@@ -118,7 +121,9 @@ class _Picture:
         said = in_words(self._at, found, drawn)
         for place in self._places:
             if place.row.task:
-                place.after = cut(printable("; ".join(said.get(place.row.task.id, []))), _LONGEST_AFTER)
+                place.after = cut(
+                    printable("; ".join(said.get(place.row.task.id, []))), _LONGEST_AFTER
+                )
 
     def head(self, title: str, kinds: set[str]) -> tuple[list[str], float]:
         """The title, what colours and lines mean, and where what follows may begin."""
@@ -127,7 +132,10 @@ class _Picture:
         shown = [state for state in STANDINGS if state in states]
         items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in shown]
         items.append(('class="planning"', "when it was planned"))
-        items += [(f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', of) for colour, of in borders(rows)]
+        items += [
+            (f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', of)
+            for colour, of in borders(rows)
+        ]
         squares, y = legend(items, self.right, MARGIN + 20)
         joined = _JOINED if any(len(line.sources) > 1 for line in self._lines) else ""
         after = " and ".join(["heavy lines"] * bool(self._lines) + ['"after"'])
@@ -161,14 +169,18 @@ class _Picture:
         """The notes and bars of one task."""
         for number, note in enumerate(place.notes):
             yield svg.words("note", self._notes, y + 13 + number * _LINE, note)
-        planning, achieving = (words.span(task, one) for one in (Interval.PLANNING, Interval.ACHIEVING))
+        planning, achieving = (
+            words.span(task, one) for one in (Interval.PLANNING, Interval.ACHIEVING)
+        )
         if planning and (planning != achieving or task.state is TaskState.PLANNING):
             yield self._bar(f"{task}: planning", planning, 'class="planning"', y + 1, 5)
         if achieving:
             look = f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"'
             yield self._bar(f"{task}: achieving", achieving, look, y + 6, 10)
 
-    def _bar(self, what: str, span: tuple[float, float | None], look: str, y: float, height: float) -> str:
+    def _bar(
+        self, what: str, span: tuple[float, float | None], look: str, y: float, height: float
+    ) -> str:
         start, end = span
         left = self._times + self._scale.x(start)
         right = self._times + self._scale.x(self._scale.end if end is None else end)
@@ -184,21 +196,30 @@ class _Picture:
                 yield f'<path class="guide" d="M{x:.1f} {top + above.top + _BOX:.1f} V{y:.1f} H{place.left:.1f}"/>'
 
     def _heavy(self, top: float) -> Iterator[str]:
-        """Lines to those that come after their brothers: they leave boxes below where others come to them."""
+        """Lines to those that come after their brothers: they leave boxes below where others come
+        to them.
+        """
         all_leaving = Counter(source for line in self._lines for source in line.sources)
         leaving: Counter[int] = Counter()
         tips: list[str] = []
         # those further away cross the nearer, and lie over them
         for line in sorted(self._lines, key=attrgetter("lane")):
             leaving.update(line.sources)
-            share = {source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources}
+            share = {
+                source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources
+            }
             comes = top + _COMES
-            starts = [comes + self._places[one].top + (_BOX - _COMES) * part for one, part in share.items()]
+            starts = [
+                comes + self._places[one].top + (_BOX - _COMES) * part
+                for one, part in share.items()
+            ]
             ends = [comes + self._places[one].top for one in line.to]
             left = self._places[line.to[0]].left
             x = left - self._indent / 2 - line.lane * _LANE
             if line.lane:  # it crosses those that are nearer: there they are cut
-                across = " ".join(f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends))
+                across = " ".join(
+                    f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends)
+                )
                 yield f'<path class="over" d="{across}"/>'
             yield f'<path class="heavy" d="{_path(x, left, starts, ends)}"/>'
             tips += [f'<path class="tip" d="M{left:.1f} {y:.1f} l-8 -4 v8 z"/>' for y in ends]
@@ -247,9 +268,17 @@ def _lines(rows: list[Row], found: Arrows) -> list[Line]:
 
 
 def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
-    """From boxes to a lane, down, and to boxes; where it turns it is round, so that a turn is no crossing."""
+    """From boxes to a lane, down, and to boxes; where it turns it is round, so that a turn is no
+    crossing.
+    """
     turn = x + _ROUND
-    parts = [f"M{left + 1:.1f} {y:.1f} H{turn:.1f} Q{x:.1f} {y:.1f} {x:.1f} {y + _ROUND:.1f}" for y in starts]
+    parts = [
+        f"M{left + 1:.1f} {y:.1f} H{turn:.1f} Q{x:.1f} {y:.1f} {x:.1f} {y + _ROUND:.1f}"
+        for y in starts
+    ]
     parts.append(f"M{x:.1f} {starts[0] + _ROUND:.1f} V{ends[-1] - _ROUND:.1f}")
-    parts += [f"M{x:.1f} {y - _ROUND:.1f} Q{x:.1f} {y:.1f} {turn:.1f} {y:.1f} H{left - 5:.1f}" for y in ends]
+    parts += [
+        f"M{x:.1f} {y - _ROUND:.1f} Q{x:.1f} {y:.1f} {turn:.1f} {y:.1f} H{left - 5:.1f}"
+        for y in ends
+    ]
     return " ".join(parts)

@@ -1,4 +1,6 @@
-"""The task tree as text: one line a task, with guides, states, times and what each task waits for; and a story."""
+"""The task tree as text: one line a task, with guides, states, times and what each task waits for;
+and a story.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -59,7 +61,12 @@ UNICODE, ASCII = Guides(), Guides("|- ", "`- ", "|  ", "   ")
 
 
 def tree_lines(
-    at: RunAt, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
+    at: RunAt,
+    rows: list[Row],
+    *,
+    guides: Guides = UNICODE,
+    width: int | None = None,
+    with_data: bool = False,
 ) -> Iterator[str]:
     """The tree, line by line, below a line of headings; each cut to *width*."""
     if not rows:
@@ -97,7 +104,9 @@ def tree_lines(
 
 
 def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
-    """The columns of times and how wide they are; where there is no room, those of the last interval, or none."""
+    """The columns of times and how wide they are; where there is no room, those of the last
+    interval, or none.
+    """
     tasks = [row.task for row in rows if row.task]
     columns = {
         one: max([_TIMES_WIDTH, *(len(words.times(task, one)) for task in tasks)])
@@ -119,8 +128,8 @@ def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
     """The prefix of each row's name, and that of the lines below that belong to it.
 
-    Down to *wide* levels guides are three columns wide, further down two; after so many *levels* indentation begins
-    anew, behind the depth as a number.
+    Down to *wide* levels guides are three columns wide, further down two; after so many *levels*
+    indentation begins anew, behind the depth as a number.
     """
     found: list[tuple[str, str]] = []
     inner: list[str] = []  # for each row, what stands before its children's guides
@@ -142,7 +151,9 @@ def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tu
 
 
 def _widest(width: int | None, state_width: int) -> int:
-    """Columns that guides and name may take at most: on a narrow terminal what the state leaves, but half of all."""
+    """Columns that guides and name may take at most: on a narrow terminal what the state leaves,
+    but half of all.
+    """
     if width is None:
         return _WIDEST_WITHOUT_END
     room = max(width - _GAP - state_width, width // 2)
@@ -156,7 +167,7 @@ def _levels(name_width: int) -> tuple[int, int]:
     return wide, max(wide + (room - 3 * wide) // 2, 2)
 
 
-# --- the story of one message; of a task also where it stands, and the chain of its failure --------------------------
+# --- the story of one message; of a task also where it stands, and the chain of its failure -------
 
 
 def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str]:
@@ -204,7 +215,9 @@ def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
 
 
 def _wrapped(start: str, text: str, width: int) -> Iterator[str]:
-    """*text* after *start*; what is too long for a line goes on below, and so do the lines of a traceback."""
+    """*text* after *start*; what is too long for a line goes on below, and so do the lines of a
+    traceback.
+    """
     room = max(width - len(start), _LEAST_WORDS)
     for line in text.splitlines() or [""]:
         indent = " " * (len(line) - len(line.lstrip()))

@@ -1,4 +1,6 @@
-"""The words for a task in text and picture: its times, why it waits, how it failed; and for a whole tree."""
+"""The words for a task in text and picture: its times, why it waits, how it failed; and for a whole
+tree.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -39,9 +41,7 @@ _LEAST = 20
 """Columns of a wait that say something beside its last cause."""
 
 
-FOLDED_UP = (
-    "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
-)
+FOLDED_UP = "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
 """What a row means that stands for several tasks, in pictures."""
 
 
@@ -56,7 +56,9 @@ def _joined(between: str, *parts: str) -> str:
 
 
 def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
-    """The start and end of an interval (end None: it goes on); None before it, and for a command's planning."""
+    """The start and end of an interval (end None: it goes on); None before it, and for a command's
+    planning.
+    """
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
     is_leaf = interval is Interval.PLANNING and not task.message_class.is_goal
@@ -74,8 +76,8 @@ def times(task: TaskAt, interval: Interval) -> str:
 
 
 def role(task: TaskAt) -> str:
-    """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"; of
-    one that a coordinator sent ahead of its state what became of that.
+    """Why there is such a task, if not because a module wanted it done: "listener", "exception
+    handler", "monitor"; of one that a coordinator sent ahead of its state what became of that.
     """
     return _joined(", ", "monitor" * task.message_class.is_monitor, task.role, task.preview)
 
@@ -91,7 +93,9 @@ def label(row: Row) -> str:
 
 
 class TaskNote(NamedTuple):
-    """The words beside a task's state: ``waits until move {4} is achieved, for 3 s; in the end ...``."""
+    """The words beside a task's state: ``waits until move {4} is achieved, for 3 s; in the end
+    ...``.
+    """
 
     text: str = ""
     """The reason why it waits, or how it ended if not well."""
@@ -108,20 +112,26 @@ class TaskNote(NamedTuple):
         return printable(f"in the end {self.last}") if self.last else ""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for: first goes for how long it waits, and last its last cause."""
+        """As much of it at a *time* as there is room for: first goes for how long it waits, and
+        last its last cause.
+        """
         lasted = lasting(self.age, time) if self.text else ""
         whole = _joined("; ", self.text + lasted, self.end)
         if room is None or columns_of(whole) <= room:
             return whole
         beside = room - columns_of(f"; {self.end}") if self.end else room
-        return _joined("; ", cut(self.text, beside), self.end) if beside >= _LEAST else cut(self.text, room)
+        return (
+            _joined("; ", cut(self.text, beside), self.end)
+            if beside >= _LEAST
+            else cut(self.text, room)
+        )
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
     """The reason why a task waits, for how long, and its last cause; or how it ended if not well.
 
-    Looking for the end may lead through all that waits at that moment, though through each only once: *within* at most
-    so many waits, else nothing is said of it.
+    Looking for the end may lead through all that waits at that moment, though through each only
+    once: *within* at most so many waits, else nothing is said of it.
     """
     return note_of(at, task, within).within(None, at.time)
 
@@ -140,7 +150,9 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     said = _joined("; ", failed, _life(task))
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
-        text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
+        text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (
+            f" ({'; '.join(ahead)})" if ahead else ""
+        )
     elif task.suspension and task.handling:
         since, by = task.suspension.start, by_whom(task.suspension.by)
         cause, age = at.describe(task.suspension.cause), Age(since, since)
@@ -154,7 +166,9 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
 
 
 def _life(task: TaskAt) -> str:
-    """What a client has asked for, while that is open, and the newest progress: ``cancel requested, progress: 0.4``."""
+    """What a client has asked for, while that is open, and the newest progress: ``cancel requested,
+    progress: 0.4``.
+    """
     if not task.record.life:  # as most
         return ""
     life = task.life
@@ -210,7 +224,9 @@ def failure_line(text: str) -> str:
 
 
 def data(task: TaskAt) -> str:
-    """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
+    """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2}
+    failed with 5``.
+    """
     result, failed = data_text(task.result), data_text(task.failure_data)
     result, failed = result and f"-> {result}", failed and f"failed with {failed}"
     return _joined(" ", data_text(task.body), result, failed)

@@ -1,1 +1,3 @@
-"""A run in the browser: its task tree and its Gantt chart at any moment, live and afterwards the same."""
+"""A run in the browser: its task tree and its Gantt chart at any moment, live and afterwards the
+same.
+"""

@@ -14,15 +14,29 @@ from tca_wire.endpoint import VARIABLE
 @click.command()
 @log_argument
 @page_options
-@click.option("--central", metavar="ADDRESS", help=f"Where central listens that is steered [default: ${VARIABLE}].")
-@click.option("--read-only", is_flag=True, help="Only look: nothing is killed, suspended, resumed or retried.")
-def view(log_path: Path | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool) -> None:
+@click.option(
+    "--central",
+    metavar="ADDRESS",
+    help=f"Where central listens that is steered [default: ${VARIABLE}].",
+)
+@click.option(
+    "--read-only", is_flag=True, help="Only look: nothing is killed, suspended, resumed or retried."
+)
+def view(
+    log_path: Path | None,
+    port: int,
+    host: str,
+    central: str | None,
+    *,
+    read_only: bool,
+    browser: bool,
+) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is shown, and when central is started
-    anew, that run. A run that goes on is followed, and whoever opens the address that is printed can kill, suspend,
-    resume and retry its tasks. With --host the page only looks, for those who have the address. It is served until
-    interrupted.
+    LOG is a journal directory or one of its segments; without it, the newest run is shown, and when
+    central is started anew, that run. A run that goes on is followed, and whoever opens the address
+    that is printed can kill, suspend, resume and retry its tasks. With --host the page only looks,
+    for those who have the address. It is served until interrupted.
     """
     with extra("view", "tca view"):
         from tca_tools.view.app import Steering, application  # noqa: PLC0415 - the viewer is an extra
@@ -38,10 +52,15 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
         notes = ["it is empty: what central writes to it will be shown"] * log.is_empty
         try:
             serve_page(
-                door, host, steering.key.text if steering else "",
+                door,
+                host,
+                steering.key.text if steering else "",
                 lambda hosts, token: application(runs, hosts, steering, token),
-                name=runs.first.name, notes=notes, browser=browser, stop=runs.stop,
-            )  # fmt: skip
+                name=runs.first.name,
+                notes=notes,
+                browser=browser,
+                stop=runs.stop,
+            )
         finally:
             runs.stop()
 

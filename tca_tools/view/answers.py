@@ -1,4 +1,5 @@
-"""The answers that a page asks for as it needs them: one task, notes on those in sight, messages around a moment.
+"""The answers that a page asks for as it needs them: one task, notes on those in sight, messages
+around a moment.
 
 All sentences are made here; tasks stand in them as ``name {7}``, of which the page makes links.
 """
@@ -42,7 +43,9 @@ _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
 
 
 def message_answer(reading: Reading, message_id: int, moment: float) -> Data | None:
-    """All there is to say about a message or task, as it was at *moment*; None if there is none of that number."""
+    """All there is to say about a message or task, as it was at *moment*; None if there is none of
+    that number.
+    """
     with reading:
         run = reading.feed.history
         message = run.messages.get(message_id)
@@ -66,7 +69,9 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
         if isinstance(message, Task):
             answer |= _chain_answer(run, message, at.moment)
             if message.received <= at.moment:
-                answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(at, at.tasks[message.id])
+                answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(
+                    at, at.tasks[message.id]
+                )
         return answer
 
 
@@ -74,7 +79,9 @@ def _chain_answer(run: Run, task: Task, moment: float) -> Data:
     """The steps of its failure."""
     links = failure_chain(run, TaskId(task.id), moment)
     shown = links[-_LONGEST_STORY:]
-    chain = [{"time": one.time, "depth": one.depth, "text": failure_line(one.text)} for one in shown]
+    chain = [
+        {"time": one.time, "depth": one.depth, "text": failure_line(one.text)} for one in shown
+    ]
     return {"chain": chain, "unlinked": len(links) - len(shown)}
 
 
@@ -97,10 +104,17 @@ def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
 
 
 def _sentence(one: Sentence, moment: float) -> Data:
-    """The sentence as known at the moment; one about the future is whole, since the page marks it as such."""
+    """The sentence as known at the moment; one about the future is whole, since the page marks it
+    as such.
+    """
     if one.time <= moment:
         one = one.known(moment)
-    return {"time": one.time, "text": printable_lines(one.text), "seconds": one.seconds, "isOpen": one.is_open}
+    return {
+        "time": one.time,
+        "text": printable_lines(one.text),
+        "seconds": one.seconds,
+        "isOpen": one.is_open,
+    }
 
 
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
@@ -146,7 +160,9 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
 
 
 def _life_answer(task: TaskAt) -> Data:
-    """How it stands for its clients and its server, its newest progress, and the goal that is asked for."""
+    """How it stands for its clients and its server, its newest progress, and the goal that is asked
+    for.
+    """
     life = task.life
     told = f"{life.state}, {counted(life.serial, 'change')}"
     return {"life": told, "progress": data_text(life.progress), "asked": data_text(life.asked)}
@@ -169,7 +185,9 @@ def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
 
 
 def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, Data]:
-    """For tasks: what keeps each waiting and since when, what it waits for in the end, or how it ended if not well."""
+    """For tasks: what keeps each waiting and since when, what it waits for in the end, or how it
+    ended if not well.
+    """
     with reading:
         at = reading.at(moment)
         tasks = [at.tasks[number] for number in ids[:_MOST_NOTES] if number in at.tasks]
@@ -203,7 +221,9 @@ def _numbers(waits: Iterable[WaitFor]) -> Iterator[int]:
 
 
 def causes_answer(reading: Reading, moment: float) -> Data:
-    """How many tasks wait, for how many things in the end, and the things that most of them wait for."""
+    """How many tasks wait, for how many things in the end, and the things that most of them wait
+    for.
+    """
     with reading:
         at = reading.at(moment)
         waiting, things, found = causes(at)
@@ -211,7 +231,9 @@ def causes_answer(reading: Reading, moment: float) -> Data:
 
 
 def _cause(at: RunAt, cause: Cause) -> Data:
-    """Of several messages of one name, that name. The way to a lock is by the first task that waits for it."""
+    """Of several messages of one name, that name. The way to a lock is by the first task that waits
+    for it.
+    """
     end = cause.ends[0]
     last = last_of(at, end)
     thing = at.run.name(end.number) if len(cause.ends) > 1 else last.thing
@@ -230,7 +252,12 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
         for number, entry in enumerate(entries, first):
             for fact in entry.facts:
                 data = data_text(getattr(fact, "body", b""))
-                line = {"place": number, "time": run.times[number], "kind": kind_of(fact), "id": subject_of(fact)}
+                line = {
+                    "place": number,
+                    "time": run.times[number],
+                    "kind": kind_of(fact),
+                    "id": subject_of(fact),
+                }
                 line["isBad"] = kind_of(fact) in _BAD and getattr(fact, "lost", True)
                 lines.append(line | {"text": wording.words(fact), "data": data[:_LONGEST_DATA]})
     return lines

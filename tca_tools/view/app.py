@@ -1,6 +1,6 @@
-"""The HTTP server of the page. It answers from a Reading, and fetches nothing; to a task of a live run it does the same
-as ``tca kill`` and its like, after the same questions. Starlette calls what is no coroutine in a thread, where it may
-wait.
+"""The HTTP server of the page. It answers from a Reading, and fetches nothing; to a task of a live
+run it does the same as ``tca kill`` and its like, after the same questions. Starlette calls what is
+no coroutine in a thread, where it may wait.
 """
 
 import math
@@ -51,15 +51,19 @@ class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Steering:
-    """The central that pages may steer, by its address (None: as all commands find it), and the key for that."""
+    """The central that pages may steer, by its address (None: as all commands find it), and the key
+    for that.
+    """
 
     central: str | None
     key: PageKey = field(default_factory=partial(PageKey, "tca view"))
 
 
-def application(runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = "") -> Starlette:
-    """The server of one page, which answers to these host names; without *steering* the page can only look. With a
-    *token* only those get an answer who have opened the address that has it.
+def application(
+    runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = ""
+) -> Starlette:
+    """The server of one page, which answers to these host names; without *steering* the page can
+    only look. With a *token* only those get an answer who have opened the address that has it.
     """
     routes: list[BaseRoute] = [
         Route("/", lambda _request: FileResponse(PAGE / "index.html")),
@@ -68,7 +72,9 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None, 
         Route("/api/frame", partial(_frame, runs)),
         Mount("/page", StaticFiles(directory=PAGE)),
     ]
-    routes += [Route(f"/api/{path}", partial(_asked, runs, answer)) for path, answer in _ANSWERS.items()]
+    routes += [
+        Route(f"/api/{path}", partial(_asked, runs, answer)) for path, answer in _ANSWERS.items()
+    ]
     if steering:
         routes.append(Route("/api/steer", partial(_steer, runs, steering), methods=["POST"]))
     return Starlette(routes=routes, middleware=guards(hosts, token, "tca view"))
@@ -93,13 +99,17 @@ def _outcome(outcomes: Outcomes, request: Request) -> Response:
 
 
 def _frame(runs: Runs, request: Request) -> Response:
-    """The news since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
+    """The news since the page last asked; without ``wait=0`` it waits a while if the page has all
+    there is.
+    """
     asked = request.query_params
     since, token = _lengths(asked.get("since", "{}")), asked.get("token")
     if (shown := runs.show(asked.get("run"))) is None:
         return _no_run(asked.get("run"))
     if since and token is not None and token != shown.token:
-        return JSONResponse({"error": "this is read anew: what was told before does not count"}, 410)
+        return JSONResponse(
+            {"error": "this is read anew: what was told before does not count"}, 410
+        )
     reading = shown.reading
     if since and asked.get("wait") != "0":  # a page that has nothing yet gets what there is
         with reading:
@@ -159,7 +169,9 @@ def _no_run(address: str | None) -> Response:
 
 
 def _asked(runs: Runs, answer: Callable[[Reading, Request], Any], request: Request) -> Response:
-    """The answer to a question about the run that the page shows; "not found" where there is none."""
+    """The answer to a question about the run that the page shows; "not found" where there is
+    none.
+    """
     address = request.query_params.get("run")
     if (shown := runs.show(address)) is None:
         return _no_run(address)
@@ -194,7 +206,9 @@ def _number(request: Request, name: str) -> int:
 
 
 _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
-    "message/{id:int}": lambda read, asked: answers.message_answer(read, _id(asked), _moment(asked)),
+    "message/{id:int}": lambda read, asked: answers.message_answer(
+        read, _id(asked), _moment(asked)
+    ),
     "machine/{id:int}": lambda read, asked: machine_picture(read, _id(asked)),
     "picture/{id:int}": lambda read, asked: answers.picture_answer(read, _id(asked)),
     "notes": lambda read, asked: answers.notes_answer(read, _numbers(asked, "ids"), _moment(asked)),
@@ -209,6 +223,8 @@ _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
 def _lengths(text: str) -> dict[str, int]:
     """How much of each table the page has; nothing, if it does not say so properly."""
     try:
-        return msgspec.json.decode(text, type=dict[str, Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]])
+        return msgspec.json.decode(
+            text, type=dict[str, Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]]
+        )
     except (msgspec.MsgspecError, RecursionError):
         return {}

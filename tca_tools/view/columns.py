@@ -1,4 +1,6 @@
-"""Columns that only grow, and frames with what was added to them since somebody last looked, as JSON."""
+"""Columns that only grow, and frames with what was added to them since somebody last looked, as
+JSON.
+"""
 
 from array import array
 from collections.abc import Mapping
@@ -16,8 +18,9 @@ class _Places(dict[str, int]):
 
 
 class Columns:
-    """Columns by table and name, each with its kind behind its name, as in "id:i": "d" (64-bit floats), "i" (32-bit
-    integers), "B" (bytes) or "t" (texts, of which it has the places among all texts). Those of one table grow together.
+    """Columns by table and name, each with its kind behind its name, as in "id:i": "d" (64-bit
+    floats), "i" (32-bit integers), "B" (bytes) or "t" (texts, of which it has the places among all
+    texts). Those of one table grow together.
     """
 
     def __init__(self, tables: Mapping[str, str]) -> None:
@@ -37,10 +40,14 @@ class Columns:
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:
         """All rows behind those places, with *more*."""
         rows = {
-            table: {name: _encoded(column[since.get(table, 0) :]) for name, column in columns.items()}
+            table: {
+                name: _encoded(column[since.get(table, 0) :]) for name, column in columns.items()
+            }
             for table, columns in self._tables.items()
         }
-        lengths = {table: len(next(iter(columns.values()))) for table, columns in self._tables.items()}
+        lengths = {
+            table: len(next(iter(columns.values()))) for table, columns in self._tables.items()
+        }
         lengths["text"] = len(self._texts)
         texts = list(self._texts)[since.get("text", 0) :]
         return msgspec.json.encode({"tables": rows, "texts": texts, "lengths": lengths, **more})

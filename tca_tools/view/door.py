@@ -12,10 +12,16 @@ LOCAL = "127.0.0.1"
 
 _OPTIONS = (
     click.option(
-        "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
+        "--port",
+        type=click.IntRange(0, 65535),
+        default=0,
+        help="Where to serve the page (0: where there is room).",
     ),
     click.option(
-        "--host", default=LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
+        "--host",
+        default=LOCAL,
+        show_default=True,
+        help="The address to serve on: by default only for this machine.",
     ),
     click.option("--browser/--no-browser", default=True, help="Open the page in the browser."),
 )
@@ -34,4 +40,6 @@ def listening(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise ToolError(f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port") from None
+        raise ToolError(
+            f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port"
+        ) from None

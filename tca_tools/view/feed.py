@@ -1,7 +1,9 @@
-"""The rows from which a page draws any moment of a run by itself: tasks, their states, and spans of time by resource.
+"""The rows from which a page draws any moment of a run by itself: tasks, their states, and spans of
+time by resource.
 
-Rows are only ever added, as the history grows, so a page that follows a run is told what is new and nothing else. What
-is asked for of one task (its data, its story, why it waits) is not here: see answers.py.
+Rows are only ever added, as the history grows, so a page that follows a run is told what is new and
+nothing else. What is asked for of one task (its data, its story, why it waits) is not here: see
+answers.py.
 """
 
 from enum import StrEnum
@@ -13,7 +15,15 @@ from tca_tools.gantt.titles import changed
 from tca_tools.journal.coordinators import coordinator_of
 from tca_tools.journal.fates import WATCHING, Failing, failing, watches
 from tca_tools.journal.fold import History
-from tca_tools.journal.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.journal.records import (
+    Claim,
+    HandlerWait,
+    Handling,
+    ModuleRecord,
+    Queueing,
+    Task,
+    TaskState,
+)
 from tca_tools.spans import Lanes
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
@@ -36,7 +46,8 @@ TABLES = {
     "picture": "message:i name:t time:d",  # of the message that gave a variable its value
     "state": "task:i time:d state:t",
     "suspended": "span:i by:t",  # by: " by legs"
-    # message: 0 of what came directly; span: the handling that ended with it, or what it was raised beside, or -1
+    # message: 0 of what came directly; span: the handling that ended with it, or what it was raised
+    # beside, or -1
     "failure": "message:i time:d span:i beside:B",
     "verdict": "failure:i good:B time:d",  # whether the run went on after that failure
     "change": "span:i time:d text:t",  # a request of a task's client, or its answer
@@ -70,7 +81,9 @@ LANES_OF = {
     SpanKind.HELD: "held",
     SpanKind.SUSPENDED: "queued",
 }
-"""Which spans of a row lie beside each other. What lies within a span, or is behind all, needs no lane."""
+"""Which spans of a row lie beside each other. What lies within a span, or is behind all, needs no
+lane.
+"""
 
 
 _OpenSpan = tuple[int, Lanes | None, int]
@@ -86,9 +99,13 @@ class Feed:
         self._add = self.columns.add
         self._rows: dict[str, int] = {}
         self._open: dict[object, _OpenSpan] = {}  # by the identity of a record, or what it is of
-        self._newest: dict[int, int] = {}  # by message the span in which it was handled or queued last
+        self._newest: dict[
+            int, int
+        ] = {}  # by message the span in which it was handled or queued last
         self._lanes: dict[tuple[int, str], Lanes] = {}  # by row, and what lies in them
-        self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
+        self._states: dict[
+            int, int
+        ] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
         self._watching: set[int] = set()  # the monitors that do
         self._names: dict[str, None] = {}  # of messages, as they came
@@ -102,7 +119,9 @@ class Feed:
         return self.history.time
 
     def colours(self) -> dict[str, str]:
-        """The colour of each message, as in other charts of the run: by its place among the names."""
+        """The colour of each message, as in other charts of the run: by its place among the
+        names.
+        """
         direct = sorted(self._direct, key=self._direct.__getitem__)
         names = dict.fromkeys([*self._names, *direct])
         return {name: dark(number) for number, name in enumerate(names)}
@@ -132,7 +151,7 @@ class Feed:
     def _is_new(self, record: object) -> bool:
         return id(record) not in self._open
 
-    # --- facts -------------------------------------------------------------------------------------------------------
+    # --- facts ------------------------------------------------------------------------------------
 
     def _tell_received(self, fact: Received) -> None:
         """Add the name of a message, for the search."""
@@ -168,8 +187,8 @@ class Feed:
         self._tell_failure(failed, (number, self._now, span, fact.is_beside))
 
     def _tell_changed(self, fact: StateChanged) -> None:
-        """Add a mark to the newest bar of a task; not for an intermediate result, of which there are many. That of a
-        coordinator tells what other tasks are to it.
+        """Add a mark to the newest bar of a task; not for an intermediate result, of which there
+        are many. That of a coordinator tells what other tasks are to it.
         """
         task, span = self.history.tasks.get(fact.task), self._newest.get(fact.task)
         if task is None:
@@ -192,7 +211,7 @@ class Feed:
         if failed is not None:
             self._verdicts.follow(number, failed, row[1])
 
-    # --- tasks -------------------------------------------------------------------------------------------------------
+    # --- tasks ------------------------------------------------------------------------------------
 
     def _tell_task(self, task: Task) -> None:
         if (told := self._states.get(task.id, 0)) == 0:
@@ -233,7 +252,7 @@ class Feed:
             self._add("state", monitor.id, self._now, WATCHING if is_watching else state)
         (self._watching.add if is_watching else self._watching.discard)(monitor.id)
 
-    # --- spans of the chart ------------------------------------------------------------------------------------------
+    # --- spans of the chart -----------------------------------------------------------------------
 
     def _tell_handling(self, record: Handling) -> None:
         row = self._row(record.module, record.resource)
@@ -276,7 +295,9 @@ class Feed:
         self._end(id(record), record.end)
 
     def _tell_module(self, record: ModuleRecord) -> None:
-        """A module that offers to handle something has rows from the beginning, whether it handles anything or not."""
+        """A module that offers to handle something has rows from the beginning, whether it handles
+        anything or not.
+        """
         if not record.joined:
             return
         start, end = record.joined[-1]
@@ -298,7 +319,14 @@ class Feed:
         return row
 
     def _begin(
-        self, key: object, kind: SpanKind, row: int, name: str, message: int, start: float, within: int = -1
+        self,
+        key: object,
+        kind: SpanKind,
+        row: int,
+        name: str,
+        message: int,
+        start: float,
+        within: int = -1,
     ) -> int:
         """Add a span, unless it has begun; its number."""
         if key in self._open:

@@ -1,9 +1,10 @@
 """The guards of a page's server.
 
-The page comes from this machine only, and the server answers only to its own address: a foreign page that a browser
-shows can't read anything through it (DNS rebinding). Where other machines reach it, it asks for a token. Only a page
-opened with the address that the command printed may change anything: its key is known to nobody else. So neither a page
-of another site, nor another user of this machine, who may look, can.
+The page comes from this machine only, and the server answers only to its own address: a foreign
+page that a browser shows can't read anything through it (DNS rebinding). Where other machines reach
+it, it asks for a token. Only a page opened with the address that the command printed may change
+anything: its key is known to nobody else. So neither a page of another site, nor another user of
+this machine, who may look, can.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -50,12 +51,14 @@ class PageKey:
         if origin and urlsplit(origin).netloc != headers.get("Host", ""):
             raise NotAllowed(f"a page of {origin} may not steer")
         if not compare_digest(headers.get("X-TCA-Key", "").encode(), self.text.encode()):
-            raise NotAllowed(f"this page may only look: to steer, open the address that '{self._command}' printed")
+            raise NotAllowed(
+                f"this page may only look: to steer, open the address that '{self._command}' printed"
+            )
 
 
 def guards(hosts: list[str], token: str, command: str) -> list[Middleware]:
-    """The guards of a server that answers to these host names, and where there is a *token* only to those who have
-    opened the address that has it.
+    """The guards of a server that answers to these host names, and where there is a *token* only to
+    those who have opened the address that has it.
     """
     made = [Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)]
     made.append(Middleware(BaseHTTPMiddleware, dispatch=_with_looks))
@@ -65,7 +68,9 @@ def guards(hosts: list[str], token: str, command: str) -> list[Middleware]:
     return [*made, Middleware(GZipMiddleware, compresslevel=3)]
 
 
-async def _with_looks(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
+async def _with_looks(
+    request: Request, go_on: Callable[[Request], Awaitable[Response]]
+) -> Response:
     response = await go_on(request)
     response.headers.update(_LOOKS)
     return response
@@ -81,5 +86,7 @@ async def _with_token(
         response.set_cookie(TOKEN, token, httponly=True, samesite="strict")
         return response
     if not compare_digest(request.cookies.get(TOKEN, "").encode(), token.encode()):
-        return PlainTextResponse(f"open the address that '{command}' has printed: it has a token\n", 403)
+        return PlainTextResponse(
+            f"open the address that '{command}' has printed: it has a token\n", 403
+        )
     return await go_on(request)

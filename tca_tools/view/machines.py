@@ -1,4 +1,6 @@
-"""State machines of tasks: a picture that the page gets once, and its active and foreseen states at a moment."""
+"""State machines of tasks: a picture that the page gets once, and its active and foreseen states at
+a moment.
+"""
 
 from functools import lru_cache
 from typing import Any
@@ -19,7 +21,9 @@ _MOST_STATES = 200
 
 
 def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
-    """The active states of a task that is a machine, and those that it foresees; nothing of other tasks."""
+    """The active states of a task that is a machine, and those that it foresees; nothing of other
+    tasks.
+    """
     if (chart := _machine(at.run, task.record)) is None:
         return {}
     told = b"" if task.state in OVER else task.life.progress

@@ -1,4 +1,6 @@
-"""What became of each run that can be chosen: counted when a page asks, and kept until its journal grows."""
+"""What became of each run that can be chosen: counted when a page asks, and kept until its journal
+grows.
+"""
 
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""Pictures that modules publish: shared variables with a name like "picture of the arm": SVG text, or PNG bytes."""
+"""Pictures that modules publish: shared variables with a name like "picture of the arm": SVG text,
+or PNG bytes.
+"""
 
 from base64 import b64encode
 from contextlib import suppress
@@ -19,7 +21,9 @@ def is_picture(message: Message) -> bool:
 
 
 def picture_in(message: Message) -> dict[str, str]:
-    """The picture that came with a message, as the address of an image; or why it can't be shown."""
+    """The picture that came with a message, as the address of an image; or why it can't be
+    shown.
+    """
     with suppress(msgspec.MsgspecError):
         match msgspec.msgpack.decode(message.body):
             case str() as text if "<svg" in text:

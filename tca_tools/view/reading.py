@@ -1,4 +1,6 @@
-"""A journal that is read in the background while pages already look at what has been read, and followed at its end."""
+"""A journal that is read in the background while pages already look at what has been read, and
+followed at its end.
+"""
 
 import gc
 import threading
@@ -49,7 +51,9 @@ class Reading:
         self.cut = ""
         """The remark on a last entry that is not whole."""
         self._worked_out: tuple[tuple[int, float], dict[object, Any]] | None = None
-        """The number of entries until the moment that was looked at last, that moment, and results for it."""
+        """The number of entries until the moment that was looked at last, that moment, and results
+        for it.
+        """
         self._grown = threading.Condition()
         self._is_written = False
         """Whether a central had the journal open before what was read last."""
@@ -118,8 +122,8 @@ class Reading:
             return False
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
-        """Wait, inside of ``with``, for more than so many entries, another state of the run, or the end of the time.
-        While a long journal is being read, news are told together.
+        """Wait, inside of ``with``, for more than so many entries, another state of the run, or the
+        end of the time. While a long journal is being read, news are told together.
         """
         known = self.state, self.cut
         if not self.caught_up:
@@ -138,7 +142,9 @@ class Reading:
             self._grown.wait_for(lambda: self.caught_up or self.is_over)
 
     def at(self, moment: float) -> RunAt:
-        """The run as it was at a moment, with what was worked out of it already. Only inside of ``with``."""
+        """The run as it was at a moment, with what was worked out of it already. Only inside of
+        ``with``.
+        """
         history = self.feed.history
         at = RunAt(history, moment)
         key = bisect_right(history.times, at.moment), at.moment
@@ -148,7 +154,9 @@ class Reading:
         return at
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
-        """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""
+        """Entries by their numbers from the first on, read anew from the disk. Not to be called
+        inside of ``with``.
+        """
         with self:
             places = self._places[max(first, 0) : last]
         found: list[Entry] = []
@@ -157,7 +165,9 @@ class Reading:
             with segment.open("rb") as stream, suppress(JournalDamaged):  # behind the last of them
                 for entry in JournalReader(stream, str(segment), offsets[0]):
                     if found and entry.number == found[-1].number:  # one event of so many facts
-                        found[-1] = Entry(entry.number, entry.time, [*found[-1].facts, *entry.facts])
+                        found[-1] = Entry(
+                            entry.number, entry.time, [*found[-1].facts, *entry.facts]
+                        )
                     elif offsets:
                         found.append(entry)
                         offsets.pop()
@@ -197,7 +207,9 @@ class Reading:
             raise _Stopped
 
     def _look_who_writes(self) -> None:
-        """Counts only when what was written until now has been read: central's last word may be among it."""
+        """Counts only when what was written until now has been read: central's last word may be
+        among it.
+        """
         if monotonic() >= self._look_again:
             self._wrote = self.log.is_being_written
             self._look_again = monotonic() + _WHO_WRITES
@@ -206,7 +218,9 @@ class Reading:
         gc.freeze()
         gc.enable()
         if problem:
-            self._lost = self.log.lost or (None if self.log.segment.exists() else EntryPlace(self.log.segment, 0))
+            self._lost = self.log.lost or (
+                None if self.log.segment.exists() else EntryPlace(self.log.segment, 0)
+            )
         with self:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last
@@ -215,7 +229,9 @@ class Reading:
             self._grown.notify_all()
 
     def _tell_remarks(self) -> None:
-        """Update the remarks, which each entry may change: damaged ones before it have been passed over."""
+        """Update the remarks, which each entry may change: damaged ones before it have been passed
+        over.
+        """
         with suppress(UnusableLog):  # its folder is gone: of that the problem tells
             self.remark = "; ".join(self.log.remarks)
 
@@ -229,7 +245,9 @@ class Reading:
             for entry, place in self._pending:
                 known = len(self.feed.history.times)
                 self.feed.apply(entry)
-                if len(self.feed.history.times) > known:  # or it is another record of the same entry
+                if (
+                    len(self.feed.history.times) > known
+                ):  # or it is another record of the same entry
                     self._places.append(place)
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
             self._known = monotonic(), self.feed.history.time

@@ -1,8 +1,9 @@
-"""Which runs a page can show, and their readings. Without a LOG those in central's folder of journals; of a LOG those
-that lie in it, and those beside it if it lies in that folder.
+"""Which runs a page can show, and their readings. Without a LOG those in central's folder of
+journals; of a LOG those that lie in it, and those beside it if it lies in that folder.
 
-A run has an *address*, by which pages ask for it: folder and epoch, the same whatever comes to lie beside it. People
-see its *name*, which tells it from the others there are now: of a folder with one run "FOLDER", else "FOLDER#2".
+A run has an *address*, by which pages ask for it: folder and epoch, the same whatever comes to lie
+beside it. People see its *name*, which tells it from the others there are now: of a folder with one
+run "FOLDER", else "FOLDER#2".
 """
 
 import threading
@@ -31,7 +32,9 @@ class RunName(NamedTuple):
     """How a run is asked for, and what people call it."""
 
     address: str
-    """As LOG names it: "FOLDER#EPOCH" with the whole path; while its journal is empty, and of a file, the path."""
+    """As LOG names it: "FOLDER#EPOCH" with the whole path; while its journal is empty, and of a
+    file, the path.
+    """
     name: str
 
 
@@ -62,8 +65,8 @@ class Shown(NamedTuple):
 
 
 class Runs:
-    """All runs there are, as they come. May be asked by several threads, also by one that looks at a reading: who has
-    the lock waits for no reading. A signal may stop it in the midst of anything.
+    """All runs there are, as they come. May be asked by several threads, also by one that looks at
+    a reading: who has the lock waits for no reading. A signal may stop it in the midst of anything.
     """
 
     def __init__(self, log: Log, *, follows: bool) -> None:
@@ -87,7 +90,9 @@ class Runs:
         """By address: what a page that shows the run of a LOG need not be told of."""
 
     def all(self) -> list[ListedRun]:
-        """Those there are now, oldest first; what they are called is known from now on, and which is the newest."""
+        """Those there are now, oldest first; what they are called is known from now on, and which
+        is the newest.
+        """
         newest = self._own
         with self._lock:
             if self.follows:
@@ -100,7 +105,9 @@ class Runs:
             places = _told_apart(self._all_places())
             found = [run for place, name in places.items() for run in self._in(place, name)]
             self._names.update((run.address, run.name) for run in found)
-            self._newest = next((run.address for run in reversed(found) if run.path == newest), self._newest)
+            self._newest = next(
+                (run.address for run in reversed(found) if run.path == newest), self._newest
+            )
             self._look_again = monotonic() + _KNOWN
         return found
 
@@ -120,7 +127,9 @@ class Runs:
     def names(self, shown: Shown) -> tuple[RunName, RunName]:
         """Of a run that is being read, and of the newest one, at one time."""
         newest, address = self.newest, shown.address
-        if newest.address.startswith(f"{address}#"):  # it was empty until now: its reading will learn it
+        if newest.address.startswith(
+            f"{address}#"
+        ):  # it was empty until now: its reading will learn it
             return newest, newest
         return self._named(address), newest
 
@@ -129,7 +138,11 @@ class Runs:
         address = address or self.first.address
         with self._lock:
             kept = self._being_read(address)
-            if not self._is_read(kept) and not self._is_stopped and (log := self._open(kept)) is not None:
+            if (
+                not self._is_read(kept)
+                and not self._is_stopped
+                and (log := self._open(kept)) is not None
+            ):
                 reading = Reading(log)
                 reading.start()
                 shown = Shown(log.path.resolve(), reading, token_hex(8))
@@ -164,7 +177,9 @@ class Runs:
         return address
 
     def _is_read(self, kept: str) -> bool:
-        """Whether it is being read; not if its journal was removed or cut short, and is there again."""
+        """Whether it is being read; not if its journal was removed or cut short, and is there
+        again.
+        """
         if kept not in self._shown:
             return False
         shown, _ = self._shown[kept]
@@ -179,14 +194,18 @@ class Runs:
             return log
         runs = self.all()
         found = next((run for run in runs if run.address == address), None)
-        found = found or next((run for run in runs if str(run.path) == address), None)  # it was empty
+        found = found or next(
+            (run for run in runs if str(run.path) == address), None
+        )  # it was empty
         try:
             return open_log(found.path, found.epoch) if found else None
         except UnusableLog:
             return None
 
     def _all_places(self) -> list[Path]:
-        """Folders with a run, and the file that was named as LOG; of links to one folder the last counts."""
+        """Folders with a run, and the file that was named as LOG; of links to one folder the last
+        counts.
+        """
         journals = default_journals()
         beside: list[Path] = []
         if self.follows or self._own.parent == journals.resolve():
@@ -225,7 +244,9 @@ class Runs:
 
 
 def _told_apart(places: list[Path]) -> dict[Path, str]:
-    """A name for each place, as in titles; if several have the same, with as much of the path as they differ in."""
+    """A name for each place, as in titles; if several have the same, with as much of the path as
+    they differ in.
+    """
     names = {place: called(place) for place in places}
     while len(count := Counter(names.values())) < len(names):
         for place, name in names.items():

@@ -16,16 +16,24 @@ from tca_tools.view.guards import TOKEN
 
 
 def serve_page(
-    door: socket, host: str, key: str, application: Callable[[list[str], str], Any], *, name: str, notes: list[str],
-    browser: bool, stop: Callable[[], None],
-) -> None:  # fmt: skip
+    door: socket,
+    host: str,
+    key: str,
+    application: Callable[[list[str], str], Any],
+    *,
+    name: str,
+    notes: list[str],
+    browser: bool,
+    stop: Callable[[], None],
+) -> None:
     """Serve a page until interrupted.
 
     Args:
         door: where the server listens.
         host: the host that the user named.
         key: the key with which the page may change anything; "" if it only looks.
-        application: makes the application, of the names to which it answers and the token that it asks for.
+        application: makes the application, of the names to which it answers and the token that it
+            asks for.
         name: the title of what the page shows.
         notes: lines to print below the address.
         browser: whether the page is opened.
@@ -42,7 +50,9 @@ def serve_page(
     named = f"[{host}]" if ":" in host else host
     address = f"http://{named}:{door.getsockname()[1]}/{asked}"
     hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
-    config = uvicorn.Config(application(hosts, token), log_level="warning", timeout_graceful_shutdown=1)
+    config = uvicorn.Config(
+        application(hosts, token), log_level="warning", timeout_graceful_shutdown=1
+    )
     click.echo("\n".join([f"{name}: {address}  (Ctrl-C ends)", *notes]))
     if browser:
         webbrowser.open(address)

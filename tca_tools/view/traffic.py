@@ -5,14 +5,17 @@ from tca_tools.journal.whole_run import Run
 from tca_tools.view.columns import Columns
 
 TRAFFIC_TABLES = {
-    # kind: the message's class, or "direct" of what came without central; handler: "" until one has begun with it
+    # kind: the message's class, or "direct" of what came without central; handler: "" until one has
+    # begun with it
     "link": "sender:t message:t kind:t handler:t",
     "sent": "link:i time:d less:B",  # less: it is one less, its handler has begun
 }
 
 
 class Traffic:
-    """A link is a sender, a message and the module that handles it; a row is sent for each run of a handler."""
+    """A link is a sender, a message and the module that handles it; a row is sent for each run of a
+    handler.
+    """
 
     def __init__(self, run: Run, columns: Columns) -> None:
         self._run, self._columns = run, columns

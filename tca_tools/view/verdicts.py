@@ -1,4 +1,6 @@
-"""Whether the run went on after each failure, told anew whenever that changes. Pure; journal/fates.py decides."""
+"""Whether the run went on after each failure, told anew whenever that changes. Pure;
+journal/fates.py decides.
+"""
 
 from collections.abc import Iterable, Iterator
 
@@ -7,7 +9,9 @@ from tca_tools.journal.whole_run import Run
 
 
 class Verdicts:
-    """Failures by their numbers. Each is looked at again only when something changes on which its verdict hinges."""
+    """Failures by their numbers. Each is looked at again only when something changes on which its
+    verdict hinges.
+    """
 
     def __init__(self, run: Run) -> None:
         self._run = run
@@ -20,12 +24,16 @@ class Verdicts:
         self._new: dict[int, None] = {}
 
     def follow(self, number: int, failed: Failing, time: float) -> None:
-        """From now on, a failure that has just been raised; until told otherwise the run did not go on after it."""
+        """From now on, a failure that has just been raised; until told otherwise the run did not go
+        on after it.
+        """
         self._failures[number] = failed, time
         self._new[number] = None
 
     def changed(self, news: Iterable[object]) -> Iterator[tuple[int, bool]]:
-        """The failures of which it is otherwise than it was, now that so many records have changed."""
+        """The failures of which it is otherwise than it was, now that so many records have
+        changed.
+        """
         again, self._new = self._new, {}
         for record in news:
             if id(record) in self._on_change:

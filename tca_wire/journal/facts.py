@@ -1,9 +1,10 @@
 """The facts that the journal records: one type each; the field order is the order on disk.
 
-A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every message accepted by
-central has an *id* from one counter; a goal's or command's id is its task. A *delivery* is one message on its way to
-one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own,
-and that a task which is handled again has another one each time.
+A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every
+message accepted by central has an *id* from one counter; a goal's or command's id is its task. A
+*delivery* is one message on its way to one handler; its id is the message's own, except that each
+receiver of a broadcast or multi-query has one of its own, and that a task which is handled again
+has another one each time.
 """
 
 from typing import Annotated
@@ -14,22 +15,36 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
 from tca_wire.journal.fact import BaseFact, MonitorFact, NumberedFact, TaskFact
 from tca_wire.points import ROOT, Point, TaskId
-from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
+from tca_wire.vocabulary import (
+    CENTRAL,
+    Condition,
+    Dropping,
+    MessageClass,
+    Outcome,
+    Party,
+    Refusal,
+    Role,
+    Scope,
+)
 from tca_wire.waits import WaitKind
 
 JOURNAL_VERSION = 6
-"""Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
+"""Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are
+refused.
+"""
 OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 EntryNumber = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
-# --- the journal ------------------------------------------------------------------------------------------------------
+# --- the journal ----------------------------------------------------------------------------------
 
 
 class Opened(BaseFact, frozen=True, tag="opened"):
-    """A segment begins. *began* is wall-clock time (seconds since 1970) at which the entries' clock showed 0."""
+    """A segment begins. *began* is wall-clock time (seconds since 1970) at which the entries' clock
+    showed 0.
+    """
 
     version: int
     epoch: str
@@ -39,7 +54,9 @@ class Opened(BaseFact, frozen=True, tag="opened"):
 
 
 class Shortened(BaseFact, frozen=True, tag="shortened"):
-    """Facts were removed from the run's journal: those about tasks and messages that had ended *until* then."""
+    """Facts were removed from the run's journal: those about tasks and messages that had ended
+    *until* then.
+    """
 
     until: float
 
@@ -51,13 +68,17 @@ class Closed(BaseFact, frozen=True, tag="closed"):
 
 
 class CentralFailed(BaseFact, frozen=True, tag="broke"):
-    """Central ended by an error of its own. The run may go on: then ``CentralRestarted`` follows."""
+    """Central ended by an error of its own. The run may go on: then ``CentralRestarted``
+    follows.
+    """
 
     why: str
 
 
 class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
-    """Central was away, and its clock stood still. No task starts before its connections are back or lost."""
+    """Central was away, and its clock stood still. No task starts before its connections are back
+    or lost.
+    """
 
     away: float  #: seconds of wall-clock time (0: not known)
     awaited: int  #: connections
@@ -73,12 +94,14 @@ class WentOn(BaseFact, frozen=True, tag="went on"):
 
 
 class DiskSpace(BaseFact, frozen=True, tag="disk"):
-    """The disk of the journal is nearly full (*is low*): no new tasks are taken; or it has room again."""
+    """The disk of the journal is nearly full (*is low*): no new tasks are taken; or it has room
+    again.
+    """
 
     is_low: bool
 
 
-# --- modules ----------------------------------------------------------------------------------------------------------
+# --- modules --------------------------------------------------------------------------------------
 
 
 class ModuleJoined(BaseFact, frozen=True, tag="module joined"):
@@ -87,7 +110,9 @@ class ModuleJoined(BaseFact, frozen=True, tag="module joined"):
     module: str
     process: str
     principal: str = ""
-    """Who runs it: the name of a key, "uid:N" for another user of the computer, "" for the one who runs central."""
+    """Who runs it: the name of a key, "uid:N" for another user of the computer, "" for the one who
+    runs central.
+    """
 
 
 class ModuleLeft(BaseFact, frozen=True, tag="module left"):
@@ -106,7 +131,9 @@ class KeysChanged(BaseFact, frozen=True, tag="keys"):
 
 
 class PermissionsChanged(BaseFact, frozen=True, tag="permissions"):
-    """From now on so many rules, from that source, say who may do what (-1: none do, everybody may do everything)."""
+    """From now on so many rules, from that source, say who may do what (-1: none do, everybody may
+    do everything).
+    """
 
     rules: int
     source: str
@@ -121,8 +148,8 @@ class ResourceChanged(BaseFact, frozen=True, tag="resource"):
 
 
 class Recalling(BaseFact, frozen=True, tag="recalling"):
-    """The slot of a resource is asked what it has ahead and has not begun, or (*is over*) has said so, or is gone.
-    Nobody is let in meanwhile.
+    """The slot of a resource is asked what it has ahead and has not begun, or (*is over*) has said
+    so, or is gone. Nobody is let in meanwhile.
     """
 
     module: str
@@ -168,20 +195,22 @@ class RequestRefused(BaseFact, frozen=True, tag="refused"):
 
 
 class Ignored(BaseFact, frozen=True, tag="ignored"):
-    """A request of a module changed nothing: it was no longer possible, and the module could not know that."""
+    """A request of a module changed nothing: it was no longer possible, and the module could not
+    know that.
+    """
 
     sender: str
     text: str
 
 
-# --- messages on their way --------------------------------------------------------------------------------------------
+# --- messages on their way ------------------------------------------------------------------------
 
 
 class Received(NumberedFact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
 
-    *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says that the sender does
-    nothing until the answer comes, or until it gives up.
+    *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says
+    that the sender does nothing until the answer comes, or until it gives up.
     """
 
     message: str
@@ -198,7 +227,9 @@ class Received(NumberedFact, frozen=True, tag="received"):
 
 
 class Queued(NumberedFact, frozen=True, tag="queued"):
-    """A delivery of message *message_id* waits: for a resource that is busy, or for a handler (module, resource "")."""
+    """A delivery of message *message_id* waits: for a resource that is busy, or for a handler
+    (module, resource "").
+    """
 
     message_id: int
     module: str
@@ -207,8 +238,8 @@ class Queued(NumberedFact, frozen=True, tag="queued"):
 
 
 class Unqueued(NumberedFact, frozen=True, tag="unqueued"):
-    """A delivery waits no longer and nobody was given it: its task is held again, suspended or killed, its sender
-    gave up, or the handler that had it left.
+    """A delivery waits no longer and nobody was given it: its task is held again, suspended or
+    killed, its sender gave up, or the handler that had it left.
     """
 
 
@@ -224,16 +255,22 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     """The slot has another message, and waits: this one is handled within that wait."""
     priority: int = 0
     began: float = 0
-    """When its handler began, on the clock of the entries, if that was earlier: the slot had the message already."""
+    """When its handler began, on the clock of the entries, if that was earlier: the slot had the
+    message already.
+    """
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
-    """The handler of a delivery ended; the body is its reply or result, or the data of its failure."""
+    """The handler of a delivery ended; the body is its reply or result, or the data of its
+    failure.
+    """
 
     outcome: Outcome
     body: bytes
     ended: float = 0
-    """When that was, on the clock of the entries, if it was earlier: its slot tells of several together."""
+    """When that was, on the clock of the entries, if it was earlier: its slot tells of several
+    together.
+    """
 
 
 class Answered(NumberedFact, frozen=True, tag="answered"):
@@ -254,10 +291,11 @@ class Dropped(NumberedFact, frozen=True, tag="dropped"):
 
 
 class HandledDirectly(BaseFact, frozen=True, tag="direct"):
-    """A module handled a message that came from its sender directly; central has seen nothing of it but this note.
+    """A module handled a message that came from its sender directly; central has seen nothing of it
+    but this note.
 
-    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its handler ended at *ended*
-    on the clock of the entries and took so many *seconds*.
+    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its
+    handler ended at *ended* on the clock of the entries and took so many *seconds*.
     """
 
     message: str
@@ -273,8 +311,8 @@ class HandledDirectly(BaseFact, frozen=True, tag="direct"):
 
 
 class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
-    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent directly and lost.
-    Where the module of their handler died, some may have been handled.
+    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent
+    directly and lost. Where the module of their handler died, some may have been handled.
     """
 
     module: str
@@ -282,7 +320,7 @@ class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
     number: int
 
 
-# --- tasks ------------------------------------------------------------------------------------------------------------
+# --- tasks ----------------------------------------------------------------------------------------
 
 
 class Constrained(BaseFact, frozen=True, tag="constrained"):
@@ -292,7 +330,9 @@ class Constrained(BaseFact, frozen=True, tag="constrained"):
 
 
 class TimedOut(BaseFact, frozen=True, tag="timed out"):
-    """A delay is over, or void since its point never came: what this constraint held back is held by it no longer."""
+    """A delay is over, or void since its point never came: what this constraint held back is held
+    by it no longer.
+    """
 
     constraint: Constraint
 
@@ -304,8 +344,8 @@ class Reached(TaskFact, frozen=True, tag="reached"):
 
 
 class Killed(TaskFact, frozen=True, tag="killed"):
-    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
-    asked for it, or "central".
+    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and
+    below, the module that asked for it, or "central".
     """
 
     why: str
@@ -313,11 +353,15 @@ class Killed(TaskFact, frozen=True, tag="killed"):
     origin: int = 0
     """The delivery whose handler asked for it, perhaps long before (0: none)."""
     failed: TaskId = ROOT
-    """The task for whose failure central killed it, since nobody handled that (0: it has another reason)."""
+    """The task for whose failure central killed it, since nobody handled that (0: it has another
+    reason).
+    """
 
 
 class KillPlanned(TaskFact, frozen=True, tag="to be killed"):
-    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
+    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many
+    seconds more.
+    """
 
     scope: Scope
     after: Point | None
@@ -334,7 +378,9 @@ class SendPlanned(TaskFact, frozen=True, tag="to be sent"):
 
 
 class DeadlineSet(TaskFact, frozen=True, tag="deadline"):
-    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
+    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is
+    raised on it.
+    """
 
     moment: int
     seconds: float
@@ -348,8 +394,8 @@ class SuspendedOrResumed(TaskFact, frozen=True, tag="suspended"):
 
 
 class StateChanged(TaskFact, frozen=True, tag="state"):
-    """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to a handler, which
-    accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
+    """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to
+    a handler, which accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
     """
 
     transition: str
@@ -361,7 +407,9 @@ class StateChanged(TaskFact, frozen=True, tag="state"):
     text: str = ""
     """The reason, for people."""
     body: bytes = b""
-    """The goal that a client asks for, the other one that its server takes over, or an intermediate result."""
+    """The goal that a client asks for, the other one that its server takes over, or an intermediate
+    result.
+    """
 
 
 class Kept(TaskFact, frozen=True, tag="kept"):
@@ -376,7 +424,7 @@ class Released(TaskFact, frozen=True, tag="released"):
     module: str
 
 
-# --- waits and locks --------------------------------------------------------------------------------------------------
+# --- waits and locks ------------------------------------------------------------------------------
 
 
 class Awaited(NumberedFact, frozen=True, tag="awaited"):
@@ -398,7 +446,9 @@ class _WaitFact(BaseFact, frozen=True):
 
 
 class WaitBegan(_WaitFact, frozen=True, tag="wait began"):
-    """A handler (delivery *origin*; 0: none) waits for a *moment* of a task, its CHANGE, or for what *name* says."""
+    """A handler (delivery *origin*; 0: none) waits for a *moment* of a task, its CHANGE, or for
+    what *name* says.
+    """
 
 
 class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
@@ -406,7 +456,9 @@ class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
 
 
 class Claimed(NumberedFact, frozen=True, tag="claimed"):
-    """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0: in none)."""
+    """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0:
+    in none).
+    """
 
     module: str
     resource: str
@@ -425,15 +477,17 @@ class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
     why: str
 
 
-# --- failures and exception handlers ----------------------------------------------------------------------------------
+# --- failures and exception handlers --------------------------------------------------------------
 
 
 class Failed(NumberedFact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.
+    """A failure was raised on a task or message, or on what one receiver got: a copy of message
+    *copy_of*.
 
-    Of a module that was lost no handler returns: this ends its part. A failure that is raised *beside* the handler
-    changes nothing for the one that has the task. Of that one *by* is the module that raised it, or "central", and
-    *body* the failure's data; else the handler raised it, and they are "" and empty.
+    Of a module that was lost no handler returns: this ends its part. A failure that is raised
+    *beside* the handler changes nothing for the one that has the task. Of that one *by* is the
+    module that raised it, or "central", and *body* the failure's data; else the handler raised it,
+    and they are "" and empty.
     """
 
     failure: str
@@ -445,7 +499,9 @@ class Failed(NumberedFact, frozen=True, tag="failed"):
 
 
 class Attached(NumberedFact, frozen=True, tag="attached"):
-    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
+    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a
+    message.
+    """
 
     failure: str
     handler: str
@@ -461,13 +517,17 @@ class Removed(NumberedFact, frozen=True, tag="removed"):
 
 
 class Caught(TaskFact, frozen=True, tag="caught"):
-    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
+    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment*
+    of task *at*.
+    """
 
     handler: TaskId
     at: TaskId
     attachment: int
     is_beside: bool = False
-    """The failure was raised beside the task's handler: that goes on, or another exception handler decides about it."""
+    """The failure was raised beside the task's handler: that goes on, or another exception handler
+    decides about it.
+    """
 
 
 class Reissued(BaseFact, frozen=True, tag="reissued"):
@@ -477,7 +537,9 @@ class Reissued(BaseFact, frozen=True, tag="reissued"):
 
 
 class Resolved(BaseFact, frozen=True, tag="resolved"):
-    """An exception handler says that its failure is resolved: that counts if its task ends without a failure."""
+    """An exception handler says that its failure is resolved: that counts if its task ends without
+    a failure.
+    """
 
     handler: TaskId
 
@@ -490,11 +552,14 @@ class NotResolved(BaseFact, frozen=True, tag="not resolved"):
 
 
 class Unhandled(TaskFact, frozen=True, tag="unhandled"):
-    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
+    """No exception handler was found for the failure of a task: its top-level task is killed, or
+    *undecided*.
+    """
 
     undecided: TaskId = ROOT
-    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
-    was called for goes on after it."""
+    """The exception handler that could not decide because of it: it is killed, and the search for
+    the failure that it was called for goes on after it.
+    """
 
 
 class Recovered(TaskFact, frozen=True, tag="recovered"):
@@ -504,18 +569,20 @@ class Recovered(TaskFact, frozen=True, tag="recovered"):
 
 
 class Retried(TaskFact, frozen=True, tag="retried"):
-    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
+    """A task will be handled again when all under it has ended, with the body as its data if there
+    is one.
+    """
 
     body: bytes
     by: str
 
 
-# --- wiretaps and monitors --------------------------------------------------------------------------------------------
+# --- wiretaps and monitors ------------------------------------------------------------------------
 
 
 class TapAdded(NumberedFact, frozen=True, tag="tap"):
-    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task. *by* is the module
-    that asked for it first.
+    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task.
+    *by* is the module that asked for it first.
     """
 
     condition: Condition
@@ -526,7 +593,9 @@ class TapAdded(NumberedFact, frozen=True, tag="tap"):
 
 
 class TapFired(BaseFact, frozen=True, tag="tapped"):
-    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was sent)."""
+    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was
+    sent).
+    """
 
     tap: int
     tapped: int
@@ -534,13 +603,15 @@ class TapFired(BaseFact, frozen=True, tag="tapped"):
 
 
 class WaitedFor(MonitorFact, frozen=True, tag="waited for"):
-    """A polling or demon monitor was sent to be waited for: else it would end at the latest when its parent waits for
-    nothing but such monitors.
+    """A polling or demon monitor was sent to be waited for: else it would end at the latest when
+    its parent waits for nothing but such monitors.
     """
 
 
 class OutlivesRetry(MonitorFact, frozen=True, tag="spared"):
-    """Others than the handler of the task above have put a monitor there: a retry of that task spares it."""
+    """Others than the handler of the task above have put a monitor there: a retry of that task
+    spares it.
+    """
 
 
 class MonitorTested(MonitorFact, frozen=True, tag="tested"):
@@ -556,21 +627,73 @@ class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
 
 
 Fact = (
-    Opened | Shortened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
-    | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
-    | KeysChanged | PermissionsChanged | RequestRefused | Ignored
-    | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
-    | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
-    | SuspendedOrResumed | StateChanged | Kept | Released
-    | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered | Retried
-    | TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | MonitorEnded
-)  # fmt: skip
+    Opened
+    | Shortened
+    | Closed
+    | CentralFailed
+    | CentralRestarted
+    | WentOn
+    | DiskSpace
+    | ModuleJoined
+    | ModuleLeft
+    | ResourceChanged
+    | Recalling
+    | FormatDefined
+    | HandlerAdded
+    | HandlerRemoved
+    | KeysChanged
+    | PermissionsChanged
+    | RequestRefused
+    | Ignored
+    | Received
+    | Queued
+    | Unqueued
+    | Delivered
+    | Returned
+    | Answered
+    | Dropped
+    | HandledDirectly
+    | LostDirectly
+    | Constrained
+    | TimedOut
+    | Reached
+    | Killed
+    | KillPlanned
+    | SendPlanned
+    | DeadlineSet
+    | SuspendedOrResumed
+    | StateChanged
+    | Kept
+    | Released
+    | Awaited
+    | WaitBegan
+    | WaitEnded
+    | Claimed
+    | Granted
+    | ClaimEnded
+    | Failed
+    | Attached
+    | Removed
+    | Caught
+    | Reissued
+    | Resolved
+    | NotResolved
+    | Unhandled
+    | Recovered
+    | Retried
+    | TapAdded
+    | TapFired
+    | WaitedFor
+    | OutlivesRetry
+    | MonitorTested
+    | MonitorEnded
+)
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All facts of one cause, and all that followed from it at once. *time* is in seconds since the epoch began, on a
-    clock that never jumps; *cause* is None where central itself begins or ends a segment.
+    """All facts of one cause, and all that followed from it at once. *time* is in seconds since the
+    epoch began, on a clock that never jumps; *cause* is None where central itself begins or ends a
+    segment.
     """
 
     number: EntryNumber
@@ -580,6 +703,8 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def kind_of(fact: Fact | type[Fact]) -> str:
-    """The word that names a fact's kind: "received"; as people read it, not always as journals have it."""
+    """The word that names a fact's kind: "received"; as people read it, not always as journals have
+    it.
+    """
     tag = str(fact.__struct_config__.tag)
     return "delay over" if tag == "timed out" else tag  # nothing has failed

@@ -1,5 +1,5 @@
-"""Records of a log: a payload with its length and checksum before it. Two integers of MessagePack, always in five bytes
-(``ce`` and 32 bits, big endian), so that a record's frame has a fixed size.
+"""Records of a log: a payload with its length and checksum before it. Two integers of MessagePack,
+always in five bytes (``ce`` and 32 bits, big endian), so that a record's frame has a fixed size.
 """
 
 import struct
@@ -18,8 +18,8 @@ def framed(payload: bytes) -> bytes:
 
 
 def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """The payloads of sound records from the present place on, each with the place behind it; up to the first that is
-    none.
+    """The payloads of sound records from the present place on, each with the place behind it; up to
+    the first that is none.
     """
     place = stream.tell()
     while len(frame := stream.read(FRAME.size)) == FRAME.size:
@@ -34,13 +34,15 @@ def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 _SPARE = 8
-"""So many times its own size may be read in vain while a record is looked for: what a client has sent may look like a
-million of them.
+"""So many times its own size may be read in vain while a record is looked for: what a client has
+sent may look like a million of them.
 """
 
 
 def has_record(data: bytes) -> bool:
-    """Whether a sound record is anywhere behind the first byte, or may be: it is not looked for for ever."""
+    """Whether a sound record is anywhere behind the first byte, or may be: it is not looked for for
+    ever.
+    """
     left, view = _SPARE * len(data) + MAX_RECORD, memoryview(data)
     place = data.find(UINT32, 1)
     while 0 <= place <= len(data) - FRAME.size:

@@ -1,11 +1,12 @@
 """Journal records to bytes and back, on any binary stream. Knows nothing of what the facts mean.
 
-A segment is a plain MessagePack stream that any language's reader can walk: for each record an integer (the payload's
-length), an integer (its CRC-32) and the payload, an Entry. The integers are always written in five bytes (``ce`` and
-32 bits, big endian), so a record's frame has a fixed size. A record that the end of the file cuts short is a torn
-tail: what central was writing when the machine went down. What is damaged is passed over, up to the next record that
-is sound; so are facts and entries that this version does not know. Only what is no journal at all is an error, and
-damage with nothing sound behind it.
+A segment is a plain MessagePack stream that any language's reader can walk: for each record an
+integer (the payload's length), an integer (its CRC-32) and the payload, an Entry. The integers are
+always written in five bytes (``ce`` and 32 bits, big endian), so a record's frame has a fixed size.
+A record that the end of the file cuts short is a torn tail: what central was writing when the
+machine went down. What is damaged is passed over, up to the next record that is sound; so are facts
+and entries that this version does not know. Only what is no journal at all is an error, and damage
+with nothing sound behind it.
 """
 
 import errno
@@ -19,14 +20,24 @@ import msgspec
 
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.causes import Cause
-from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry, EntryNumber, EntryTime, Fact, Opened
+from tca_wire.journal.facts import (
+    JOURNAL_VERSION,
+    OLDEST_READ,
+    Entry,
+    EntryNumber,
+    EntryTime,
+    Fact,
+    Opened,
+)
 from tca_wire.journal.frames import FRAME, MAX_RECORD, UINT32, framed
 
 _HEAD, _unpack_head = FRAME.size, FRAME.unpack_from
 SEGMENT_SUFFIX = ".tcaj"
 
 _LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
-"""A frame, and the beginning of an array: of what else is in a journal one byte in millions looks so."""
+"""A frame, and the beginning of an array: of what else is in a journal one byte in millions looks
+so.
+"""
 _CHUNK = 1 << 20
 _ZEROS = bytes(_CHUNK)
 _SEEK_DATA: int | None = getattr(os, "SEEK_DATA", None)
@@ -35,7 +46,9 @@ _MOST_FRAMES = 100
 _STEP = 1 << 10
 """A frame that leads nowhere counts as if so many bytes were read in vain: it takes as long."""
 _SPARE = 8
-"""So many times its own size may be read in vain while sound records are looked for: see ``_allowed``."""
+"""So many times its own size may be read in vain while sound records are looked for: see
+``_allowed``.
+"""
 
 
 class _Roughly(msgspec.Struct, array_like=True):
@@ -65,27 +78,31 @@ _decode_cause = msgspec.msgpack.Decoder(Cause | None).decode
 
 
 def record(entry: Entry) -> bytes:
-    """*entry* as one journal record, or as several of the same number where it is too big for one: a million tasks
-    may be killed by one event.
+    """*entry* as one journal record, or as several of the same number where it is too big for one:
+    a million tasks may be killed by one event.
     """
     payload = _encode(entry)
     if len(payload) > MAX_RECORD and len(entry.facts) > 1:
         middle = len(entry.facts) // 2
         halves = entry.facts[:middle], entry.facts[middle:]
-        return b"".join(record(Entry(entry.number, entry.time, half, entry.cause)) for half in halves)
+        return b"".join(
+            record(Entry(entry.number, entry.time, half, entry.cause)) for half in halves
+        )
     return framed(payload)
 
 
 class JournalReader:
-    """Reads the entries of one segment; at its present end it stops, and goes on when iterated again.
+    """Reads the entries of one segment; at its present end it stops, and goes on when iterated
+    again.
 
-    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
-    ``torn`` the number of bytes behind it that are no whole record. ``holes`` are the places of the damaged records
-    that were passed over; where not ``is_counted`` some of them stand for several that can't be told apart.
-    ``unknown`` is the number of facts that this version does not know, and left out; ``version`` that of the segment.
+    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the
+    last good record, ``torn`` the number of bytes behind it that are no whole record. ``holes`` are
+    the places of the damaged records that were passed over; where not ``is_counted`` some of them
+    stand for several that can't be told apart. ``unknown`` is the number of facts that this version
+    does not know, and left out; ``version`` that of the segment.
 
-    After damage, sound is a record whose checksum is right, and whose number is not below that of the last entry: what
-    a message's data hold may look like a record, too.
+    After damage, sound is a record whose checksum is right, and whose number is not below that of
+    the last entry: what a message's data hold may look like a record, too.
     """
 
     def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:
@@ -99,14 +116,19 @@ class JournalReader:
         self.unknown = 0
         self.version = JOURNAL_VERSION
         self._last = -1  # number of the last entry
-        self._window, self._window_at = b"", 0  # some bytes of the stream, and where they stand in it
+        self._window, self._window_at = (
+            b"",
+            0,
+        )  # some bytes of the stream, and where they stand in it
         self._longest = MAX_RECORD  # no longer record is looked at: see _allowed
         self._in_vain = 0
         self._size = 0  # of the stream, when its end was looked at: meanwhile central writes on
         self._searched = (-1, -1)  # from where, to what size of the stream: nothing sound is there
 
     def __iter__(self) -> Iterator[Entry]:
-        """The entries from ``offset`` on. Raises JournalDamaged, naming the byte, where there are no more of them."""
+        """The entries from ``offset`` on. Raises JournalDamaged, naming the byte, where there are
+        no more of them.
+        """
         self._window = b""  # bytes that came since
         while True:
             payload = self._payload()
@@ -128,7 +150,7 @@ class JournalReader:
             self.offset += _HEAD + len(payload)
         self._end()
 
-    # --- records ---------------------------------------------------------------------------------------------------
+    # --- records ----------------------------------------------------------------------------------
 
     def _payload(self) -> bytes | None:
         """The payload of the record at ``offset``; None if no sound one is there."""
@@ -167,7 +189,9 @@ class JournalReader:
         if len(frame) < _HEAD:
             return None
         mark, length, mark_too, _ = FRAME.unpack(frame)
-        return int(length) if (mark, mark_too) == (UINT32, UINT32) and length <= MAX_RECORD else None
+        return (
+            int(length) if (mark, mark_too) == (UINT32, UINT32) and length <= MAX_RECORD else None
+        )
 
     def _is_sound(self, place: int, size: int) -> bool:
         """Whether a record is there, in a stream of that size."""
@@ -182,12 +206,12 @@ class JournalReader:
         return False
 
     def _allowed(self, place: int) -> int:
-        """The longest record to try after damage. Bytes read in vain add up to a few times of those behind: the time to
-        read stays linear, even for a forged file of lengths that lead nowhere.
+        """The longest record to try after damage. Bytes read in vain add up to a few times of those
+        behind: the time to read stays linear, even for a forged file of lengths that lead nowhere.
         """
         return MAX_RECORD + _SPARE * place - self._in_vain
 
-    # --- damage ----------------------------------------------------------------------------------------------------
+    # --- damage -----------------------------------------------------------------------------------
 
     def _pass_over(self) -> bool:
         """Skip damage to the next sound record; whether there is one."""
@@ -221,7 +245,10 @@ class JournalReader:
 
     def _by_looks(self, size: int) -> int | None:
         """The next sound record whatever is before it."""
-        place, end = self.offset + 1, size if self._opened else min(size, MAX_RECORD)  # the first record is a short one
+        place, end = (
+            self.offset + 1,
+            size if self._opened else min(size, MAX_RECORD),
+        )  # the first record is a short one
         while place < end:
             if not self._window_at <= place < self._window_at + len(self._window) - _HEAD:
                 self._look_at(place, _CHUNK)
@@ -249,8 +276,8 @@ class JournalReader:
         return False
 
     def _end(self) -> None:
-        """End without a further sound record. Raises JournalDamaged, unless nothing is left or a torn tail, which may
-        have become whole since.
+        """End without a further sound record. Raises JournalDamaged, unless nothing is left or a
+        torn tail, which may have become whole since.
         """
         self.torn = self._size - self.offset
         if self.torn <= 0:
@@ -273,7 +300,9 @@ class JournalReader:
         return True
 
     def _data_from(self, place: int, end: int) -> int:
-        """Where from *place* on something is stored: what a power cut leaves may be gigabytes of nothing."""
+        """Where from *place* on something is stored: what a power cut leaves may be gigabytes of
+        nothing.
+        """
         if _SEEK_DATA is not None and place < end:
             try:
                 return min(self._stream.seek(place, _SEEK_DATA), end)
@@ -287,10 +316,12 @@ class JournalReader:
         at = f", byte {self.offset}" if self.offset else ""
         raise JournalDamaged(f"{self._name}{at}: {why}")
 
-    # --- facts of other versions -----------------------------------------------------------------------------------
+    # --- facts of other versions ------------------------------------------------------------------
 
     def _what_is_known(self, payload: bytes) -> Entry | None:
-        """An entry without the facts that can't be read; None if it is no entry, or has a time that is none."""
+        """An entry without the facts that can't be read; None if it is no entry, or has a time that
+        is none.
+        """
         try:
             entry = _decode_roughly(payload)
         except _UNREADABLE:
@@ -309,8 +340,8 @@ class JournalReader:
         return Entry(entry.number, entry.time, known, cause)
 
     def _begin(self, payload: bytes, entry: Entry | None) -> None:
-        """The first sound record: it says the version, in a form that never changes. If it does not, others are
-        missing before it.
+        """The first sound record: it says the version, in a form that never changes. If it does
+        not, others are missing before it.
         """
         try:
             version = _version_in(_decode_number(payload).facts)
@@ -330,7 +361,9 @@ class JournalReader:
 
 
 def _version_in(facts: Any) -> int | None:
-    """The version of a segment, from the facts of its first entry; None if they are of any other entry."""
+    """The version of a segment, from the facts of its first entry; None if they are of any other
+    entry.
+    """
     try:
         kind, version = facts[0][:2]
     except (ValueError, TypeError, IndexError, KeyError):

@@ -1,6 +1,8 @@
-"""Numpy arrays and numbers as MessagePack: every dtype arrives as it was sent, or is refused by name.
+"""Numpy arrays and numbers as MessagePack: every dtype arrives as it was sent, or is refused by
+name.
 
-numpy is not imported here: an array knows how it is built, and a type that names numpy has imported it already.
+numpy is not imported here: an array knows how it is built, and a type that names numpy has imported
+it already.
 """
 
 import sys
@@ -9,17 +11,27 @@ from typing import Any, get_args, get_origin
 import msgspec
 
 _NDARRAY = 1  # MessagePack extension type: [description of the dtype, shape, bytes in C order]
-_NUMBERS, _LARGEST = "biuf", 8  # kinds of dtype, and bytes, of numbers that Python's and MessagePack's hold exactly
+_NUMBERS, _LARGEST = (
+    "biuf",
+    8,
+)  # kinds of dtype, and bytes, of numbers that Python's and MessagePack's hold exactly
 
 
 def is_array_type(kind: Any) -> bool:
-    """Whether a type is ``numpy.ndarray`` or ``numpy.typing.NDArray[...]``, and no class derived from it."""
+    """Whether a type is ``numpy.ndarray`` or ``numpy.typing.NDArray[...]``, and no class derived
+    from it.
+    """
     origin = get_origin(kind) or kind
-    return getattr(origin, "__name__", "") == "ndarray" and getattr(origin, "__module__", "") == "numpy"
+    return (
+        getattr(origin, "__name__", "") == "ndarray"
+        and getattr(origin, "__module__", "") == "numpy"
+    )
 
 
 def encode_custom(value: Any) -> Any:
-    """Encode values that msgspec does not know: arrays, numpy's numbers, subclasses of int. Raises TypeError."""
+    """Encode values that msgspec does not know: arrays, numpy's numbers, subclasses of int. Raises
+    TypeError.
+    """
     if isinstance(value, int):
         return int(value)
     if is_array_type(type(value)):
@@ -33,14 +45,18 @@ def encode_custom(value: Any) -> Any:
 
 
 def _description(dtype: Any) -> Any:
-    """A dtype as text, or a structured one as a list of its fields. Raises TypeError if that would not be all of it."""
+    """A dtype as text, or a structured one as a list of its fields. Raises TypeError if that would
+    not be all of it.
+    """
     try:
         found = dtype.descr if dtype.names else dtype.str
         is_whole = not dtype.hasobject and _dtype(found) == dtype
     except (ValueError, TypeError):  # numpy can't describe it, or not read the description
         is_whole = False
     if not is_whole:
-        raise TypeError(f"an array of dtype {dtype} can't be sent: it holds Python objects, or overlapping fields")
+        raise TypeError(
+            f"an array of dtype {dtype} can't be sent: it holds Python objects, or overlapping fields"
+        )
     return found
 
 
@@ -61,10 +77,14 @@ def _with_tuples(description: Any) -> Any:
 
 
 def decode_array(code: int, data: memoryview) -> Any:
-    """The array that an extension holds. Raises msgspec.ValidationError if its bytes are damaged."""
+    """The array that an extension holds. Raises msgspec.ValidationError if its bytes are
+    damaged.
+    """
     if code != _NDARRAY:
         return msgspec.msgpack.Ext(code, bytes(data))
-    description, shape, content = msgspec.msgpack.decode(data, type=tuple[str | list[Any], tuple[int, ...], bytes])
+    description, shape, content = msgspec.msgpack.decode(
+        data, type=tuple[str | list[Any], tuple[int, ...], bytes]
+    )
     numpy: Any = sys.modules.get("numpy")
     if numpy is None:  # a tool without numpy: still show what there is
         return {"dtype": description, "shape": shape}

@@ -24,7 +24,9 @@ Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
 
 
 class ExceptionHandler(Message[D, None]):
-    """A task that decides what becomes of another one that failed; it gets the failure's data, or none of it."""
+    """A task that decides what becomes of another one that failed; it gets the failure's data, or
+    none of it.
+    """
 
     message_class = MessageClass.EXCEPTION
 
@@ -38,7 +40,9 @@ class ExceptionHandler(Message[D, None]):
         super().__init__(name, data)
 
     def decode_data(self, data: bytes) -> D:
-        """The failure's data; one that is declared without any leaves them aside. None of a failure without any."""
+        """The failure's data; one that is declared without any leaves them aside. None of a failure
+        without any.
+        """
         nothing: Any = None
         return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
 
@@ -61,12 +65,20 @@ class Monitor(Message[D, None]):
             wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
             raise BadFormat(f"the {what} of {self.title} must be a {wanted}, not {message!r:.60}")
 
-    def _check_data(self, what: str, message: "Message[Any, Any] | None", data: str, whose: str) -> None:
+    def _check_data(
+        self, what: str, message: "Message[Any, Any] | None", data: str, whose: str
+    ) -> None:
         """Raise BadFormat for a part that can't take the data that it will get."""
-        if message is None or message.data.schema == NO_DATA or not (misfit := first_misfit(data, message.data.schema)):
+        if (
+            message is None
+            or message.data.schema == NO_DATA
+            or not (misfit := first_misfit(data, message.data.schema))
+        ):
             return
         text = f"the {what} '{message.name}' of {self.title} wants data of type {message.data}"
-        raise BadFormat(f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})")
+        raise BadFormat(
+            f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})"
+        )
 
 
 _OPTIONAL = (Goal, Command, Inform, Broadcast, type(None))
@@ -74,9 +86,10 @@ _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_t
 
 
 class ConditionMonitor(Monitor[D]):
-    """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
-    the action, except True, for which the action gets the monitor's own data. A part that is declared without data gets
-    none. Raises BadFormat for one that can't take what it would get. Use one of the subclasses.
+    """A monitor that asks a query: None and False say that the condition does not hold; any other
+    reply is the data of the action, except True, for which the action gets the monitor's own data.
+    A part that is declared without data gets none. Raises BadFormat for one that can't take what it
+    would get. Use one of the subclasses.
     """
 
     @overload
@@ -88,21 +101,34 @@ class ConditionMonitor(Monitor[D]):
         self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
     ) -> None: ...
     def __init__(
-        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+        self,
+        name: str,
+        data: Any = None,
+        *,
+        condition: Query[Any, Any],
+        action: Action | None = None,
     ) -> None:
         super().__init__(name, data, [condition, action])
         self._check("condition", condition, (Query,))
         self._check("action", action, _OPTIONAL)
-        self._check_data("condition", condition, self.data.schema, f"the monitor's own, {self.data}")
-        replies = [one for one in alternatives(condition.reply.schema) if one not in (_NULL, _BOOLEAN)]
+        self._check_data(
+            "condition", condition, self.data.schema, f"the monitor's own, {self.data}"
+        )
+        replies = [
+            one for one in alternatives(condition.reply.schema) if one not in (_NULL, _BOOLEAN)
+        ]
         for reply in replies:
-            self._check_data("action", action, reply, f"what '{condition.name}' replies, {condition.reply}")
+            self._check_data(
+                "action", action, reply, f"what '{condition.name}' replies, {condition.reply}"
+            )
         if not replies:
             self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
 
 
 class PointMonitor(ConditionMonitor[D]):
-    """Tests its condition once, when its turn among its siblings comes (TCA 8.5: RegisterPointMonitor)."""
+    """Tests its condition once, when its turn among its siblings comes (TCA 8.5:
+    RegisterPointMonitor).
+    """
 
     message_class = MessageClass.POINT_MONITOR
 
@@ -122,9 +148,9 @@ class _Sent(TypedDict, total=False):
 
 
 class DemonMonitor(Monitor[D]):
-    """Has something set up, is fired by a module, and has it cancelled (TCA 8.5: RegisterDemonMonitor). Set-up and
-    cancel message get the monitor's data, or none if they are declared without, the action what it is fired with.
-    Raises BadFormat if they want others.
+    """Has something set up, is fired by a module, and has it cancelled (TCA 8.5:
+    RegisterDemonMonitor). Set-up and cancel message get the monitor's data, or none if they are
+    declared without, the action what it is fired with. Raises BadFormat if they want others.
     """
 
     message_class = MessageClass.DEMON_MONITOR

@@ -25,8 +25,8 @@ R = TypeVar("R")
 
 
 class Declaring(type):
-    """The class of declarations: arguments that don't fit are refused in words of the declaration, whichever base has
-    its constructor.
+    """The class of declarations: arguments that don't fit are refused in words of the declaration,
+    whichever base has its constructor.
     """
 
     @property
@@ -35,24 +35,31 @@ class Declaring(type):
         signature = inspect.signature(cls.__init__)  # type: ignore[misc]  # of the class itself
         return signature.replace(parameters=list(signature.parameters.values())[1:])
 
-    # A type checker that saw this method would take every declaration for Any: it reads the classes' own __init__.
+    # A type checker that saw this method would take every declaration for Any: it reads the
+    # classes' own __init__.
     if not TYPE_CHECKING:
 
         def __call__(cls, *arguments: Any, **options: Any) -> Any:
             """Make one. Raises TypeError."""
             signature = cls.__signature__
             try:
-                signature.bind_partial(*arguments, **options)  # a wrong name is worse than a missing one
+                signature.bind_partial(
+                    *arguments, **options
+                )  # a wrong name is worse than a missing one
                 signature.bind(*arguments, **options)
             except TypeError as error:
                 what = str(error).replace(" keyword-only", "")
-                raise TypeError(f"{cls.__name__}(): {what}: write {cls.__name__}{_form(signature)}") from None
+                raise TypeError(
+                    f"{cls.__name__}(): {what}: write {cls.__name__}{_form(signature)}"
+                ) from None
             return super().__call__(*arguments, **options)
 
 
 def _form(signature: inspect.Signature) -> inspect.Signature:
     """The arguments without their types."""
-    plain = [one.replace(annotation=inspect.Parameter.empty) for one in signature.parameters.values()]
+    plain = [
+        one.replace(annotation=inspect.Parameter.empty) for one in signature.parameters.values()
+    ]
     return inspect.Signature(plain)
 
 
@@ -64,12 +71,18 @@ def _checked_name(name: str) -> str:
 
 
 def _format(kind: Any, what: str) -> Format[Any]:
-    """The format of a type; a format is taken as it is, None says that there are no data. *what* is for errors."""
+    """The format of a type; a format is taken as it is, None says that there are no data. *what* is
+    for errors.
+    """
     try:
         return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
     except BadFormat as error:
         is_value = isinstance(kind, str | int | float | Message | Failure)
-        why = f" must be a type, such as float or list[str], not {kind!r:.60}" if is_value else f": {error}"
+        why = (
+            f" must be a type, such as float or list[str], not {kind!r:.60}"
+            if is_value
+            else f": {error}"
+        )
         raise BadFormat(what + why) from None
 
 
@@ -160,7 +173,9 @@ class Broadcast(Message[D, None]):
 
 
 class Query(Message[D, R]):
-    """A question with a reply. It belongs to no task's intervals and is answered even while goals are held back."""
+    """A question with a reply. It belongs to no task's intervals and is answered even while goals
+    are held back.
+    """
 
     message_class = MessageClass.QUERY
 
@@ -190,11 +205,13 @@ class MultiQuery(Message[D, R]):
 
 
 class TaskMessage(Message[D, R]):
-    """A task: goal or command. Its handler may tell of intermediate results, of the type *progress*; *life_cycle* has
-    the states that it goes through.
+    """A task: goal or command. Its handler may tell of intermediate results, of the type
+    *progress*; *life_cycle* has the states that it goes through.
     """
 
-    def __init__(self, name: str, data: Any, result: Any, progress: Any, life_cycle: LifeCycle) -> None:
+    def __init__(
+        self, name: str, data: Any, result: Any, progress: Any, life_cycle: LifeCycle
+    ) -> None:
         super().__init__(name, data, result)
         self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
         if not isinstance(life_cycle, LifeCycle):
@@ -218,7 +235,9 @@ class _OfTask(TypedDict, total=False):
 
 
 class Goal(TaskMessage[D, None]):
-    """A task that expands into subtasks; planned as soon as planning may start, even while achieving is held back."""
+    """A task that expands into subtasks; planned as soon as planning may start, even while
+    achieving is held back.
+    """
 
     message_class = MessageClass.GOAL
 
@@ -228,7 +247,9 @@ class Goal(TaskMessage[D, None]):
     def __init__(self, name: str, data: type[D], **more: Unpack[_OfTask]) -> None: ...
     @overload
     def __init__(self, name: str, data: Any, **more: Unpack[_OfTask]) -> None: ...
-    def __init__(self, name: str, data: Any = None, *, progress: Any = None, life_cycle: LifeCycle = GENERAL) -> None:
+    def __init__(
+        self, name: str, data: Any = None, *, progress: Any = None, life_cycle: LifeCycle = GENERAL
+    ) -> None:
         super().__init__(name, data, None, progress, life_cycle)
 
 
@@ -240,23 +261,39 @@ class Command(TaskMessage[D, R]):
     @overload
     def __init__(self: "Command[None, None]", name: str, **more: Unpack[_OfTask]) -> None: ...
     @overload
-    def __init__(self: "Command[D, None]", name: str, data: type[D], **more: Unpack[_OfTask]) -> None: ...
-    @overload
-    def __init__(self: "Command[None, R]", name: str, *, result: type[R], **more: Unpack[_OfTask]) -> None: ...
-    @overload
-    def __init__(self, name: str, data: type[D], *, result: type[R], **more: Unpack[_OfTask]) -> None: ...
-    @overload
-    def __init__(self, name: str, data: Any = None, *, result: Any = None, **more: Unpack[_OfTask]) -> None: ...
     def __init__(
-        self, name: str, data: Any = None, *, result: Any = None, progress: Any = None, life_cycle: LifeCycle = GENERAL
+        self: "Command[D, None]", name: str, data: type[D], **more: Unpack[_OfTask]
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: "Command[None, R]", name: str, *, result: type[R], **more: Unpack[_OfTask]
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, result: type[R], **more: Unpack[_OfTask]
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, result: Any = None, **more: Unpack[_OfTask]
+    ) -> None: ...
+    def __init__(
+        self,
+        name: str,
+        data: Any = None,
+        *,
+        result: Any = None,
+        progress: Any = None,
+        life_cycle: LifeCycle = GENERAL,
     ) -> None:
         super().__init__(name, data, result, progress, life_cycle)
 
 
 class Variable(Message[D, None]):
-    """A value that central keeps for all; the newest wins, and it outlives the module that set it (TCA 7.7).
+    """A value that central keeps for all; the newest wins, and it outlives the module that set it
+    (TCA 7.7).
 
-    Whoever handles it watches it: the handler is called with the value there is, then with each new one, but of those
+    Whoever handles it watches it: the handler is called with the value there is, then with each new
+        one, but of those
     that come while it runs only with the newest. After a break it may be called with a value twice.
     """
 
@@ -271,19 +308,28 @@ class Variable(Message[D, None]):
 
 
 class Failure(Generic[D], metaclass=Declaring):
-    """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
+    """Something that can go wrong, by name and with data. A handler fails with ``raise
+    COLLISION(contact)``.
 
-    Of a failure that is a *kind_of* another the exception handlers of that other one take care, too. They get its data:
-    so these must be of the same type as the other one's, or fit it, unless that has none. Raises BadFormat if not.
+    Of a failure that is a *kind_of* another the exception handlers of that other one take care,
+    too. They get its data:
+    so these must be of the same type as the other one's, or fit it, unless that has none. Raises
+    BadFormat if not.
     """
 
     @overload
-    def __init__(self: "Failure[None]", name: str, *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    def __init__(
+        self: "Failure[None]", name: str, *, kind_of: "Failure[Any] | None" = None
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    def __init__(
+        self, name: str, data: type[D], *, kind_of: "Failure[Any] | None" = None
+    ) -> None: ...
     @overload
     def __init__(self, name: str, data: Any, *, kind_of: "Failure[Any] | None" = None) -> None: ...
-    def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
+    def __init__(
+        self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None
+    ) -> None:
         self.name = _checked_name(name)
         self.data: Format[D] = _format(data, f"the data of failure '{name}'")
         self._check_kind(kind_of)
@@ -308,7 +354,9 @@ class Failure(Generic[D], metaclass=Declaring):
     @overload
     def __call__(self, data: D, text: str = "") -> "FailureRaised": ...
     def __call__(self, data: Any = None, text: str = "") -> "FailureRaised":
-        """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is none."""
+        """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is
+        none.
+        """
         if not isinstance(text, str):
             msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"
             raise BadData(msg)

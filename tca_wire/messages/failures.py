@@ -1,11 +1,13 @@
-"""Failures that nobody has to declare: central raises them, or the module library where a handler went wrong."""
+"""Failures that nobody has to declare: central raises them, or the module library where a handler
+went wrong.
+"""
 
 MODULE_LOST = "module lost"
 """The module that handled a message is gone."""
 
 UNCERTAIN = "uncertain"
-"""Whether a handler did what it had to is not known: its module did not come back when central did. A kind of "module
-lost".
+"""Whether a handler did what it had to is not known: its module did not come back when central did.
+A kind of "module lost".
 """
 
 HANDLER_ERROR = "handler error"
@@ -30,5 +32,7 @@ LOCK_LOST = "lock lost"
 CANCELLED = "cancelled"
 """An asynchronous handler was cancelled: a kind of "handler error"."""
 
-NOT_BY_CHOICE = frozenset((MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST))
+NOT_BY_CHOICE = frozenset(
+    (MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST)
+)
 """An exception handler that fails with one of these, or a kind of them, has decided nothing."""

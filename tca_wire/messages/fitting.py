@@ -1,8 +1,10 @@
-"""Whether all data of one format can be read as another: where central passes on data made for another message.
+"""Whether all data of one format can be read as another: where central passes on data made for
+another message.
 
-An exception handler gets the failure's data, an action what the condition replies. The rules are those by which data
-are decoded (formats.py): fields that nobody wants are passed over, a whole number is a number, too, and of a union
-each alternative must find one that takes it. Formats do not tell everything; what they leave open fits.
+An exception handler gets the failure's data, an action what the condition replies. The rules are
+those by which data are decoded (formats.py): fields that nobody wants are passed over, a whole
+number is a number, too, and of a union each alternative must find one that takes it. Formats do not
+tell everything; what they leave open fits.
 """
 
 import json
@@ -22,8 +24,8 @@ _ANYTHING: dict[str, Any] = {}
 
 
 def first_misfit(sent: str, wanted: str) -> str | None:
-    """The first misfit of the format *sent* (a JSON Schema) to *wanted*: ``"$.x: integer here, string
-    there"``, where "here" is what is wanted; None if all can, as far as formats tell.
+    """The first misfit of the format *sent* (a JSON Schema) to *wanted*: ``"$.x: integer here,
+    string there"``, where "here" is what is wanted; None if all can, as far as formats tell.
     """
     if sent == wanted:
         return None
@@ -44,10 +46,11 @@ def alternatives(schema: str) -> list[str]:
 
 
 class _Fitting:
-    """Walks two schemas side by side, following references. What it says begins with the place, from where it stands.
+    """Walks two schemas side by side, following references. What it says begins with the place,
+    from where it stands.
 
-    A pair of named types that is met again, within itself, fits if nothing else speaks against it; when something has,
-    what was found to fit meanwhile is looked at anew.
+    A pair of named types that is met again, within itself, fits if nothing else speaks against it;
+    when something has, what was found to fit meanwhile is looked at anew.
     """
 
     def __init__(self, sent: Any, wanted: Any) -> None:
@@ -56,7 +59,9 @@ class _Fitting:
         self._misfits: dict[tuple[str, str], str] = {}
 
     def misfit(self, sent: Any, wanted: Any) -> str | None:
-        """The first misfit of *sent*, its place and reason: ``".x: integer here, string there"``."""
+        """The first misfit of *sent*, its place and reason: ``".x: integer here, string
+        there"``.
+        """
         pair = (sent.get("$ref", ""), wanted.get("$ref", ""))
         if not all(pair):
             return self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
@@ -98,7 +103,9 @@ class _Fitting:
             return _differ(sent, wanted)
         found = _out_of_bounds(sent, wanted)
         if found is None and kinds[1] == "object":
-            found = self.misfit(sent.get("propertyNames", _ANYTHING), wanted.get("propertyNames", _ANYTHING))
+            found = self.misfit(
+                sent.get("propertyNames", _ANYTHING), wanted.get("propertyNames", _ANYTHING)
+            )
         if found is None and kinds[1] == "object":
             found = self._fields(sent, wanted) or self._other_fields(sent, wanted)
         if found is None and kinds[1] == "array":
@@ -120,7 +127,9 @@ class _Fitting:
         return None
 
     def _other_fields(self, sent: Any, wanted: Any) -> str | None:
-        """The misfit of fields not wanted: they are passed over, unless their values or names matter."""
+        """The misfit of fields not wanted: they are passed over, unless their values or names
+        matter.
+        """
         taken = wanted.get("additionalProperties", _ANYTHING)
         for name, field in sent.get("properties", {}).items():
             if name in wanted.get("properties", {}):
@@ -132,13 +141,19 @@ class _Fitting:
         others = _values(sent)
         if others is None:
             return None
-        found = ": no further fields here, any there" if taken is False else self.misfit(others, taken)
+        found = (
+            ": no further fields here, any there" if taken is False else self.misfit(others, taken)
+        )
         return found and f"[...]{found}"
 
     def _items(self, sent: Any, wanted: Any) -> str | None:
         mine, yours = wanted.get("prefixItems", []), sent.get("prefixItems", [])
         for place in range(max(len(mine), len(yours)) + 1):
-            there = yours[place] if place < len(yours) else sent.get("items", False if yours else _ANYTHING)
+            there = (
+                yours[place]
+                if place < len(yours)
+                else sent.get("items", False if yours else _ANYTHING)
+            )
             here = mine[place] if place < len(mine) else wanted.get("items", _ANYTHING)
             if there is False:
                 return None
@@ -169,7 +184,9 @@ def _takes_value(sent: Any, wanted: Any) -> bool:
     if "enum" in wanted:
         return any(type(one) is type(value) and one == value for one in wanted["enum"])
     kind = _TYPES.get(type(value))
-    if wanted["type"] not in (kind, "number" if kind == "integer" else kind) or not _takes_form({}, wanted):
+    if wanted["type"] not in (kind, "number" if kind == "integer" else kind) or not _takes_form(
+        {}, wanted
+    ):
         return False
     size = len(value) if isinstance(value, str) else None
     exact = {"minimum": value, "maximum": value, "minLength": size, "maxLength": size}
@@ -181,7 +198,9 @@ def _takes_form(sent: Any, wanted: Any) -> bool:
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
     mine, yours = wanted.get("format"), sent.get("format")
-    is_any_zone = mine is not None and mine.startswith("any-") and yours in (mine[4:], f"partial-{mine[4:]}")
+    is_any_zone = (
+        mine is not None and mine.startswith("any-") and yours in (mine[4:], f"partial-{mine[4:]}")
+    )
     return bool(mine == yours or is_any_zone or (mine is None and yours in TEXT_FORMATS))
 
 
@@ -193,7 +212,9 @@ def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
             yours = len(sent["prefixItems"])
         if mine is None or mine == yours:
             continue
-        is_kept = yours is not None and ((key in _AT_LEAST and yours >= mine) or (key in _AT_MOST and yours <= mine))
+        is_kept = yours is not None and (
+            (key in _AT_LEAST and yours >= mine) or (key in _AT_MOST and yours <= mine)
+        )
         if not is_kept:
             return f": {key} {json.dumps(mine)} here, {'none' if yours is None else json.dumps(yours)} there"
     return None

@@ -1,4 +1,6 @@
-"""Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of messages."""
+"""Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of
+messages.
+"""
 
 import dataclasses
 import json
@@ -20,26 +22,37 @@ NO_DATA = '{"type":"null"}'
 """The schema of messages without data."""
 
 MISSION_TASK = "x-tca-mission"
-"""The key of a schema that says which task of which server a command is: missions find their tasks by it."""
+"""The key of a schema that says which task of which server a command is: missions find their tasks
+by it.
+"""
 
 _CERTAIN = (bytes, str, float, int, bool, type(None))
 """Types whose values can be read wherever they can be sent."""
 
-_UNFIT = (msgspec.MsgspecError, UnicodeDecodeError, UnicodeEncodeError, RecursionError, TypeError, OverflowError)
+_UNFIT = (
+    msgspec.MsgspecError,
+    UnicodeDecodeError,
+    UnicodeEncodeError,
+    RecursionError,
+    TypeError,
+    OverflowError,
+)
 
 
 class Format(Generic[T]):
     """The encoding of values of one type: checked, as MessagePack.
 
-    Accepts what msgspec does (dataclasses, Structs, TypedDicts, enums, containers, optionals, datetimes, ...) and
-    numpy arrays. Raises BadFormat for a type that it can't encode.
+    Accepts what msgspec does (dataclasses, Structs, TypedDicts, enums, containers, optionals,
+    datetimes, ...) and numpy arrays. Raises BadFormat for a type that it can't encode.
     """
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind
         try:
             self.schema = schema_text(kind)
-            self._decoder = msgspec.msgpack.Decoder(kind, dec_hook=decode_custom, ext_hook=decode_array)
+            self._decoder = msgspec.msgpack.Decoder(
+                kind, dec_hook=decode_custom, ext_hook=decode_array
+            )
         except (TypeError, NameError, ValueError) as error:
             raise BadFormat(f"{self} can't be a format: {error}") from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
@@ -95,9 +108,11 @@ _NO_MATTER = frozenset({"title", "description", "default", "examples", "$defs"})
 
 
 def first_difference(one: str, other: str) -> str | None:
-    """The difference of two formats (JSON Schema texts): ``"$.radius: number here, string there"``; None if they agree.
+    """The difference of two formats (JSON Schema texts): ``"$.radius: number here, string there"``;
+    None if they agree.
 
-    Names of types, descriptions and defaults may differ; fields, their types and which are required may not.
+    Names of types, descriptions and defaults may differ; fields, their types and which are required
+    may not.
     """
     if one == other:
         return None
@@ -109,15 +124,23 @@ def first_difference(one: str, other: str) -> str | None:
 
 
 class _Comparison:
-    """Walks two schemas side by side, following references; recursive types end where a pair is met again."""
+    """Walks two schemas side by side, following references; recursive types end where a pair is met
+    again.
+    """
 
     def __init__(self, left: Any, right: Any) -> None:
-        self._definitions = [schema.get("$defs", {}) if isinstance(schema, dict) else {} for schema in (left, right)]
+        self._definitions = [
+            schema.get("$defs", {}) if isinstance(schema, dict) else {} for schema in (left, right)
+        ]
         self._met: set[tuple[str, str]] = set()
 
     def _resolve(self, side: int, schema: Any) -> tuple[Any, str]:
         name = schema.get("$ref", "") if isinstance(schema, dict) else ""
-        return (self._definitions[side].get(name.rpartition("/")[2], {}), name) if name else (schema, "")
+        return (
+            (self._definitions[side].get(name.rpartition("/")[2], {}), name)
+            if name
+            else (schema, "")
+        )
 
     def difference(self, left: Any, right: Any, path: str) -> str | None:
         (left, left_name), (right, right_name) = self._resolve(0, left), self._resolve(1, right)
@@ -141,18 +164,33 @@ class _Comparison:
             if found := self.difference(mine[name], yours[name], f"{path}.{name}"):
                 return found
         for name in sorted(set(left.get("required", ())) ^ set(right.get("required", ()))):
-            sides = ("required", "optional") if name in left.get("required", ()) else ("optional", "required")
+            sides = (
+                ("required", "optional")
+                if name in left.get("required", ())
+                else ("optional", "required")
+            )
             return f"{path}.{name}: {sides[0]} here, {sides[1]} there"
         return None
 
     def _rest(self, left: Any, right: Any, path: str) -> str | None:
         for key in sorted((left.keys() | right.keys()) - _NO_MATTER - {"properties", "required"}):
             mine, yours = left.get(key), right.get(key)
-            step = {"items": "[...]", "additionalProperties": "[...]", "prefixItems": "[...]"}.get(key, "")
-            if key in ("anyOf", "prefixItems") and mine is not None and yours is not None and len(mine) == len(yours):
-                found = next(filter(None, map(self.difference, mine, yours, [path + step] * len(mine))), None)
+            step = {"items": "[...]", "additionalProperties": "[...]", "prefixItems": "[...]"}.get(
+                key, ""
+            )
+            if (
+                key in ("anyOf", "prefixItems")
+                and mine is not None
+                and yours is not None
+                and len(mine) == len(yours)
+            ):
+                found = next(
+                    filter(None, map(self.difference, mine, yours, [path + step] * len(mine))), None
+                )
             elif key in ("enum", "anyOf", "prefixItems"):
-                found = None if mine == yours else f"{path}: {brief(left)} here, {brief(right)} there"
+                found = (
+                    None if mine == yours else f"{path}: {brief(left)} here, {brief(right)} there"
+                )
             else:
                 found = self.difference(mine, yours, path + step)
             if found:
@@ -173,9 +211,10 @@ def brief(schema: Any) -> str:
     return f"{schema.get('format', '')} {schema.get('type', 'anything')}".strip()
 
 
-# --- data that a format would silently leave out: fields of a subclass, misspelt keys of a dict ----------------------
+# --- data that a format would silently leave out: fields of a subclass, misspelt keys of a dict ---
 
-# A decoder passes over fields that its type does not have. So data to be sent is compared with what a receiver reads.
+# A decoder passes over fields that its type does not have. So data to be sent is compared with what
+# a receiver reads.
 
 _encode = msgspec.msgpack.Encoder(enc_hook=without_content).encode
 
@@ -198,10 +237,18 @@ def _loss(sent: Any, read: Any, path: str) -> str:
     """The first part of *sent*, plain data, that *read* does not have."""
     if isinstance(sent, dict):
         fields = _fields(read)
-        if len(fields) == len(sent):  # keys of another type than text are read as such: compare them in their order
-            fields = dict(zip(sent, fields.values(), strict=True)) if isinstance(read, dict) else fields
+        if len(fields) == len(
+            sent
+        ):  # keys of another type than text are read as such: compare them in their order
+            fields = (
+                dict(zip(sent, fields.values(), strict=True)) if isinstance(read, dict) else fields
+            )
         for key, value in sent.items():
-            if found := _loss(value, fields[key], f"{path}.{key}") if key in fields else f"{path}.{key}":
+            if (
+                found := _loss(value, fields[key], f"{path}.{key}")
+                if key in fields
+                else f"{path}.{key}"
+            ):
                 return found
     elif isinstance(sent, list) and not isinstance(read, set | frozenset):
         items = read if isinstance(read, list | tuple) else list(_fields(read).values())
@@ -219,6 +266,12 @@ def _fields(read: Any) -> dict[Any, Any]:
     if isinstance(read, msgspec.Struct):
         config = read.__struct_config__
         tag = {config.tag_field or "type": config.tag} if config.tag is not None else {}
-        return tag | {one.encode_name: getattr(read, one.name) for one in msgspec.structs.fields(read)}
-    fields = dataclasses.fields(read) if dataclasses.is_dataclass(read) else getattr(read, "__attrs_attrs__", ())
+        return tag | {
+            one.encode_name: getattr(read, one.name) for one in msgspec.structs.fields(read)
+        }
+    fields = (
+        dataclasses.fields(read)
+        if dataclasses.is_dataclass(read)
+        else getattr(read, "__attrs_attrs__", ())
+    )
     return {one.name: getattr(read, one.name) for one in fields}

@@ -1,4 +1,6 @@
-"""Notices: broadcasts of central itself about modules. Any module may handle them, no module sends them."""
+"""Notices: broadcasts of central itself about modules. Any module may handle them, no module sends
+them.
+"""
 
 import msgspec
 
@@ -8,7 +10,9 @@ PREFIX = "tca: "
 """Names of messages that begin so are central's own."""
 
 COMMANDS = "tca "
-"""Modules whose names begin so are commands that people type (``tca status``): notices do not tell of them."""
+"""Modules whose names begin so are commands that people type (``tca status``): notices do not tell
+of them.
+"""
 
 
 class Notice(Message[D, None]):

@@ -1,4 +1,6 @@
-"""JSON Schemas of types, as msgspec makes them, and with the formats of times and the types of keys, which it omits."""
+"""JSON Schemas of types, as msgspec makes them, and with the formats of times and the types of
+keys, which it omits.
+"""
 
 import json
 from collections.abc import Iterable
@@ -22,7 +24,9 @@ TEXT_FORMATS: dict[str, Any] = {
     "any-time": time,
     "date": date, "duration": timedelta, "uuid": UUID, "decimal": Decimal,
 }  # fmt: skip
-"""The type of each format of text. "partial" is without a time zone, "any" is with or without one."""
+"""The type of each format of text. "partial" is without a time zone, "any" is with or without
+one.
+"""
 
 _TIMES: dict[type, str] = {inspect.DateTimeType: "date-time", inspect.TimeType: "time"}
 _ZONES = {True: "", False: "partial-", None: "any-"}
@@ -34,7 +38,9 @@ _KEYS: dict[type, Any] = {
 
 
 def schema_text(kind: Any) -> str:
-    """Describe a type as JSON Schema, in canonical text. Raises TypeError or BadFormat for a type without a format."""
+    """Describe a type as JSON Schema, in canonical text. Raises TypeError or BadFormat for a type
+    without a format.
+    """
     schema = msgspec.json.schema(kind, schema_hook=_schema_of_custom)
     _Completion(schema.get("$defs", {})).complete(inspect.type_info(kind), schema)
     return json.dumps(schema, sort_keys=True, separators=(",", ":"))
@@ -71,13 +77,17 @@ class _Completion:
                 self.complete(part, its_schema)
 
     def _key(self, kind: inspect.Type) -> dict[str, Any]:
-        """The schema of a mapping's keys; nothing for text, which msgspec describes, and for keys of any type."""
+        """The schema of a mapping's keys; nothing for text, which msgspec describes, and for keys
+        of any type.
+        """
         kind = _plain(kind)
         if isinstance(kind, inspect.EnumType):
             return {"enum": sorted(one.value for one in kind.cls)}
         if isinstance(kind, inspect.LiteralType):
             return {"enum": list(kind.values)}
-        python: dict[str, Any] = json.loads(schema_text(_KEYS[type(kind)])) if type(kind) in _KEYS else {}
+        python: dict[str, Any] = (
+            json.loads(schema_text(_KEYS[type(kind)])) if type(kind) in _KEYS else {}
+        )
         return python
 
 
@@ -91,7 +101,9 @@ def _plain(kind: inspect.Type) -> inspect.Type:
 def _parts(
     kind: inspect.Type, schema: dict[str, Any]
 ) -> tuple[Iterable[inspect.Type], Iterable[dict[str, Any] | None]]:
-    """The types in a type, and the schema of each. A union has structs, as a choice, after others, and null last."""
+    """The types in a type, and the schema of each. A union has structs, as a choice, after others,
+    and null last.
+    """
     if isinstance(kind, inspect.UnionType):
         options = [one for option in schema["anyOf"] for one in option.get("anyOf", [option])]
         return sorted(map(_plain, kind.types), key=_place_in_union), options

@@ -1,7 +1,8 @@
 """Packets: header and body pairs to bytes and back. One packet is one ZeroMQ frame.
 
-A packet holds one or more *items*, each ``length of header (u32, big endian), length of body (u32), header, body``.
-Items that wait for the same peer share a packet: with small messages, frames and calls are what costs.
+A packet holds one or more *items*, each ``length of header (u32, big endian), length of body (u32),
+header, body``. Items that wait for the same peer share a packet: with small messages, frames and
+calls are what costs.
 """
 
 import re
@@ -24,7 +25,9 @@ _SHORT = 96  # bytes of an item, or of a header, that is too short to have many 
 
 
 def plain(value: Any) -> float:
-    """A number of a type of its own, as programs have them, goes as a plain one: the one it has *on the wire*."""
+    """A number of a type of its own, as programs have them, goes as a plain one: the one it has *on
+    the wire*.
+    """
     if isinstance(value, int):
         return getattr(value, "on_wire", None) or int(value)
     if isinstance(value, float):
@@ -58,7 +61,9 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
 
 
 def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
-    """Items in as few packets as their size allows, each with the number of items in those before it."""
+    """Items in as few packets as their size allows, each with the number of items in those before
+    it.
+    """
     if len(items) == 1:  # as most of the time
         return ((0, pack_item(*items[0])),)
     return _packets(items)
@@ -70,7 +75,9 @@ def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[in
     for header, body in items:
         item = pack_item(header, body)
         more = parts_in(header) if len(item) > _SHORT else 0
-        if packed and (size + len(item) > _TOGETHER or len(packed) == _MOST_ITEMS or parts + more > _MOST_PARTS):
+        if packed and (
+            size + len(item) > _TOGETHER or len(packed) == _MOST_ITEMS or parts + more > _MOST_PARTS
+        ):
             yield before, b"".join(packed)
             before += len(packed)
             packed, size, parts = [], 0, 0
@@ -92,10 +99,16 @@ def parts_in(header: msgspec.Struct) -> int:
 
 
 def unpacker(
-    kinds: Any, what_it_is_not: str, *, most_items: int = _LONGEST, most_parts: int = _LONGEST, together: int = _LONGEST
+    kinds: Any,
+    what_it_is_not: str,
+    *,
+    most_items: int = _LONGEST,
+    most_parts: int = _LONGEST,
+    together: int = _LONGEST,
 ) -> Callable[[bytes], list[tuple[Any, bytes]]]:
-    """A function that unpacks packets with headers of these *kinds*, of so many items, so many entries in the lists of
-    its headers, and, of several items, so many bytes. It raises ProtocolError, whatever the bytes.
+    """A function that unpacks packets with headers of these *kinds*, of so many items, so many
+    entries in the lists of its headers, and, of several items, so many bytes. It raises
+    ProtocolError, whatever the bytes.
     """
     decode = msgspec.msgpack.Decoder(kinds).decode
 
@@ -115,9 +128,13 @@ def unpacker(
             if at > size:
                 msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {size} hold"
                 raise ProtocolError(msg)
-            if header_length > _LONGEST_HEADER or (items and (len(items) == most_items or size > together)):
-                msg = f"a packet of {size} bytes with a header of {header_length}: {most_items} items of together \
+            if header_length > _LONGEST_HEADER or (
+                items and (len(items) == most_items or size > together)
+            ):
+                msg = (
+                    f"a packet of {size} bytes with a header of {header_length}: {most_items} items of together \
 {together} bytes, with headers of {_LONGEST_HEADER}, are allowed"
+                )
                 raise ProtocolError(msg)
             try:
                 header = decode(packet[begin:header_end])
@@ -133,11 +150,17 @@ def unpacker(
 
 
 unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
-    ToCentral, "no message to central", most_items=_MOST_ITEMS, most_parts=_MOST_PARTS, together=_TOGETHER
+    ToCentral,
+    "no message to central",
+    most_items=_MOST_ITEMS,
+    most_parts=_MOST_PARTS,
+    together=_TOGETHER,
 )
 """The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
 
-unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(ToModule, "no message to a module")
+unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(
+    ToModule, "no message to a module"
+)
 """The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
 
 

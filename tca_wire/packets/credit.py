@@ -1,6 +1,8 @@
-"""How much a peer has read: central sends nobody more than WINDOW bytes of which it has not heard that they were read.
+"""How much a peer has read: central sends nobody more than WINDOW bytes of which it has not heard
+that they were read.
 
-So what waits for somebody who does not read lies in central, which can count it, and not in ZeroMQ, which can't.
+So what waits for somebody who does not read lies in central, which can count it, and not in ZeroMQ,
+which can't.
 """
 
 from tca_wire.packets.codec import pack_item

@@ -1,7 +1,7 @@
 """Headers and packets of direct messages between two modules.
 
-The sender connects to a slot's entrance (routes.py), greets with its key, and numbers what it sends. The packets are
-made as those to and from central are (codec.py).
+The sender connects to a slot's entrance (routes.py), greets with its key, and numbers what it
+sends. The packets are made as those to and from central are (codec.py).
 """
 
 from tca_wire.packets.codec import unpacker
@@ -10,7 +10,9 @@ from tca_wire.packets.parts import Numbered, WireArray
 
 
 class Greet(WireArray, frozen=True, tag=96):
-    """First message of a sender, and again when it doubts that its messages have arrived. Answered by Greeting."""
+    """First message of a sender, and again when it doubts that its messages have arrived. Answered
+    by Greeting.
+    """
 
     version: int
     key: str
@@ -24,7 +26,9 @@ class Greet(WireArray, frozen=True, tag=96):
 
 
 class Direct(Numbered, frozen=True, tag=97):
-    """Handle this message; the body is its data. A query is answered by Answer or Refused, an inform by nothing."""
+    """Handle this message; the body is its data. A query is answered by Answer or Refused, an
+    inform by nothing.
+    """
 
     message: str
     origin: int = 0
@@ -32,8 +36,8 @@ class Direct(Numbered, frozen=True, tag=97):
 
 
 class Greeting(WireArray, frozen=True, tag=98):
-    """Of the sender's numbers up to *newest*, *missing* ones never arrived; *open* ones are queries that will be
-    answered. Answers to any others were given, or are forgotten.
+    """Of the sender's numbers up to *newest*, *missing* ones never arrived; *open* ones are queries
+    that will be answered. Answers to any others were given, or are forgotten.
     """
 
     newest: int
@@ -42,7 +46,9 @@ class Greeting(WireArray, frozen=True, tag=98):
 
 
 class Begun(Numbered, frozen=True, tag=99):
-    """All messages up to this number have been begun with; before Closing: or are counted as lost."""
+    """All messages up to this number have been begun with; before Closing: or are counted as
+    lost.
+    """
 
 
 ToEntrance = Greet | Direct | GiveUp

@@ -1,11 +1,13 @@
-"""The headers that modules and central exchange, one type a message; the field order is the wire order.
+"""The headers that modules and central exchange, one type a message; the field order is the wire
+order.
 
-A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside). Types named in the
-imperative are sent by a module, the others by central; routes.py has those about direct messages, changes.py those
-about the states of tasks, docs/protocol.md the bytes. ``number`` counts a connection's requests: the answer to a
-request carries the same number, and 0 means that no answer is wanted. ``origin`` is the delivery whose handler asks (0:
-code outside of handlers does). A task below -1 is the one that this connection has sent with that request: -7 is that
-of request 7.
+A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside).
+Types named in the imperative are sent by a module, the others by central; routes.py has those about
+direct messages, changes.py those about the states of tasks, docs/protocol.md the bytes. ``number``
+counts a connection's requests: the answer to a request carries the same number, and 0 means that no
+answer is wanted. ``origin`` is the delivery whose handler asks (0:
+code outside of handlers does). A task below -1 is the one that this connection has sent with that
+request: -7 is that of request 7.
 """
 
 from typing import Annotated, Literal
@@ -35,12 +37,12 @@ PROTOCOL_VERSION = 7
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
-# --- from a module ---------------------------------------------------------------------------------------------------
+# --- from a module --------------------------------------------------------------------------------
 
 
 class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
-    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A later version's
-    may have more fields: so it can be read, and refused for its version.
+    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A
+    later version's may have more fields: so it can be read, and refused for its version.
     """
 
     version: int
@@ -60,8 +62,8 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     prefetch: int = 0
     """Number of messages that this slot takes ahead, before it has handled the one it has."""
     hung_after: float = 0
-    """Seconds after which a handler hangs that was to end, or whose sender has given up: then this slot counts as lost,
-    and the module gets Replace (0: never).
+    """Seconds after which a handler hangs that was to end, or whose sender has given up: then this
+    slot counts as lost, and the module gets Replace (0: never).
     """
 
 
@@ -71,7 +73,9 @@ class Register(Numbered, frozen=True, tag=2):
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
-    """The module has attached what it attaches at its start: what its earlier runs attached besides is left behind."""
+    """The module has attached what it attaches at its start: what its earlier runs attached besides
+    is left behind.
+    """
 
 
 class Unregister(Numbered, frozen=True, tag=3):
@@ -81,7 +85,9 @@ class Unregister(Numbered, frozen=True, tag=3):
 
 
 class Send(Numbered, frozen=True, tag=4):
-    """Send a message of any class; the body is its data. Answered by Accepted or Refused, then by Answer where due."""
+    """Send a message of any class; the body is its data. Answered by Accepted or Refused, then by
+    Answer where due.
+    """
 
     message: str
     parent: TaskId = TaskId(0)
@@ -97,21 +103,29 @@ class Send(Numbered, frozen=True, tag=4):
     attachments: Annotated[list[Attachment], MANY] = []
     """Exception handlers of the new task, each newer than the one before it."""
     deadline: float = 0
-    """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
+    """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0:
+    no such bound).
+    """
     watch: WatchOptions | None = None
     """The options of a monitor."""
     when_killed: bool = False
     """Not now, but when *parent* is killed after it has been started and before it is achieved."""
     if_handled: bool = False
-    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
+    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5:
+    MaybeExecute).
+    """
     keep: bool = False
     """The sender's module keeps the task, as with Keep (TDL: PERSISTENT)."""
     brief: bool = False
     """The *blocking* wait is too short to be checked for a deadlock."""
     suspended: bool = False
-    """The new task is suspended from its birth on, by the sender: it is not started before it is resumed."""
+    """The new task is suspended from its birth on, by the sender: it is not started before it is
+    resumed.
+    """
     quiet: bool = False
-    """Of a task: instead of Accepted comes TasksMade, with others and at the latest before the next other answer."""
+    """Of a task: instead of Accepted comes TasksMade, with others and at the latest before the next
+    other answer.
+    """
 
 
 class Reply(OfDelivery, frozen=True, tag=5):
@@ -120,12 +134,14 @@ class Reply(OfDelivery, frozen=True, tag=5):
     took: float = 0
     """Seconds that it ran, by its own clock (0: not said)."""
     refusals: int = 0
-    """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it has failed."""
+    """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it
+    has failed.
+    """
 
 
 class Replies(WireArray, frozen=True, tag=30):
-    """Handlers of informs, queries or broadcasts have returned, one after the other; what they returned is the body,
-    end to end.
+    """Handlers of informs, queries or broadcasts have returned, one after the other; what they
+    returned is the body, end to end.
     """
 
     ended: Annotated[list[EndedRun], MANY]
@@ -171,18 +187,22 @@ class AwaitPoint(Numbered, frozen=True, tag=8):
 
 
 class GiveUp(WireArray, frozen=True, tag=9):
-    """The sender no longer waits for the answer to request *request*; if that was a Lock, its claim is released."""
+    """The sender no longer waits for the answer to request *request*; if that was a Lock, its claim
+    is released.
+    """
 
     request: int
     number: int = 0
-    """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was). Of a
-    multi-query to which nobody has replied it is the first failure, if there was one."""
+    """With a number it is answered: the text of the Answer says why that answer is not there ("":
+    it is, or was). Of a multi-query to which nobody has replied it is the first failure, if there
+    was one.
+    """
     origin: int = 0
 
 
 class Await(WireArray, frozen=True, tag=26):
-    """The sender of query or multi-query *request*, who went on, now waits for its answer; or that of a *quiet* task
-    for its id; or that of Observe for news. Nothing else answers this.
+    """The sender of query or multi-query *request*, who went on, now waits for its answer; or that
+    of a *quiet* task for its id; or that of Observe for news. Nothing else answers this.
     """
 
     request: int
@@ -194,13 +214,15 @@ class Await(WireArray, frozen=True, tag=26):
     brief: bool = False
     """As in Send; a query that was fetched late is always waited for like that."""
     seen: int = 0
-    """The number of answers that the sender has got to these, as far as they are Observe: if there are more on their
-    way, it does not wait. -1: it waits no longer.
+    """The number of answers that the sender has got to these, as far as they are Observe: if there
+    are more on their way, it does not wait. -1: it waits no longer.
     """
 
 
 class Kill(OfTask, frozen=True, tag=10):
-    """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a point."""
+    """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a
+    point.
+    """
 
     why: str = ""
     scope: Scope = Scope.TASK
@@ -216,8 +238,8 @@ class Ask(Numbered, frozen=True, tag=11):
 
 
 class Receipt(WireArray, frozen=True, tag=50):
-    """This connection has read so many bytes of packets, beats left out, since it said so last: central sends nobody
-    more than so much that was not read.
+    """This connection has read so many bytes of packets, beats left out, since it said so last:
+    central sends nobody more than so much that was not read.
     """
 
     size: int
@@ -228,8 +250,8 @@ class Bye(WireArray, frozen=True, tag=12):
 
 
 class Attach(Numbered, frozen=True, tag=13):
-    """Let an exception handler take care of a failure ("": any) of one task, or of every task of a message. Answered by
-    Accepted with the id by which it can be removed.
+    """Let an exception handler take care of a failure ("": any) of one task, or of every task of a
+    message. Answered by Accepted with the id by which it can be removed.
     """
 
     attachment: Attachment
@@ -240,7 +262,9 @@ class Attach(Numbered, frozen=True, tag=13):
 
 
 class Remove(Numbered, frozen=True, tag=14):
-    """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted: 0 if it is gone."""
+    """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted:
+    0 if it is gone.
+    """
 
     id: int
     for_all: bool = False
@@ -257,27 +281,35 @@ class Raise(OfTask, frozen=True, tag=15):
 
 
 class Retry(OfTask, frozen=True, tag=16):
-    """Kill all under a task and let it be handled again, with the body as its data where *new_data*."""
+    """Kill all under a task and let it be handled again, with the body as its data where
+    *new_data*.
+    """
 
     new_data: bool = False
     origin: int = 0
 
 
 class Resolve(Numbered, frozen=True, tag=55):
-    """The exception handler with the delivery *origin* has dealt with its failure, if its task ends without one."""
+    """The exception handler with the delivery *origin* has dealt with its failure, if its task ends
+    without one.
+    """
 
     origin: int
 
 
 class Suspend(OfTask, frozen=True, tag=17):
-    """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may be again."""
+    """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may
+    be again.
+    """
 
     resume: bool = False
     origin: int = 0
 
 
 class Deadline(Numbered, frozen=True, tag=18):
-    """Raise the failure "timeout" on a task if its point is not reached within *seconds* from now."""
+    """Raise the failure "timeout" on a task if its point is not reached within *seconds* from
+    now.
+    """
 
     point: Point
     seconds: float
@@ -293,9 +325,11 @@ class Inspect(OfTask, frozen=True, tag=19):
 
 
 class Lock(Numbered, frozen=True, tag=23):
-    """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is so.
+    """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is
+    so.
 
-    It ends when this request is given up, when the task or message *origin* has ended, or with the connection.
+    It ends when this request is given up, when the task or message *origin* has ended, or with the
+    connection.
     """
 
     resource: str
@@ -313,7 +347,9 @@ class Lock(Numbered, frozen=True, tag=23):
 
 
 class Unlock(Numbered, frozen=True, tag=24):
-    """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody had it."""
+    """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody
+    had it.
+    """
 
     resource: str
     module: str = ""
@@ -321,7 +357,8 @@ class Unlock(Numbered, frozen=True, tag=24):
 
 
 class Tap(Numbered, frozen=True, tag=64):
-    """Send *listener* whenever the condition comes true of a message, or of one task; it gets the tapped data.
+    """Send *listener* whenever the condition comes true of a message, or of one task; it gets the
+    tapped data.
 
     Answered by Accepted with the id by which the wiretap can be removed.
     """
@@ -335,22 +372,26 @@ class Tap(Numbered, frozen=True, tag=64):
     """The options of a listener that is a monitor."""
     origin: int = 0
     at_once: bool = False
-    """Where what *task* is tapped for has happened already, send the listener now; else that is refused."""
+    """Where what *task* is tapped for has happened already, send the listener now; else that is
+    refused.
+    """
     of: str = ""
     """With *at_once*: the message that *task* is, for it may have ended."""
 
 
 class Fire(Numbered, frozen=True, tag=65):
-    """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its action, the body is the
-    data of that; any other tests its condition now.
+    """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its
+    action, the body is the data of that; any other tests its condition now.
 
-    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a message the oldest that
-    did.
+    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a
+    message the oldest that did.
     """
 
     monitor: TaskId
     action: str = ""
-    """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
+    """The message that the data are for; refused if that is not the monitor's action ("": it is not
+    asked).
+    """
     origin: int = 0
     message: str = ""
     """All that watch of this message, instead of one *monitor*."""
@@ -364,35 +405,43 @@ class EndMonitor(Numbered, frozen=True, tag=66):
 
 
 class Keep(OfTask, frozen=True, tag=25):
-    """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no longer."""
+    """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no
+    longer.
+    """
 
     release: bool = False
     origin: int = 0
 
 
 class AwaitAny(OfDelivery, frozen=True, tag=27):
-    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered; it was said before
-    what it awaited, and that is no longer so. With no requests: it may go on.
+    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered;
+    it was said before what it awaited, and that is no longer so. With no requests: it may go on.
     """
 
     requests: Annotated[list[int], MANY]
 
 
 class Release(Numbered, frozen=True, tag=28):
-    """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it had lost that."""
+    """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it
+    had lost that.
+    """
 
     request: int
     origin: int = 0
 
 
 class GetVariable(Numbered, frozen=True, tag=20):
-    """Get the value of a variable, as the body of the Answer; it is empty if the variable was never set."""
+    """Get the value of a variable, as the body of the Answer; it is empty if the variable was never
+    set.
+    """
 
     variable: str
 
 
 class SetVariable(Numbered, frozen=True, tag=21):
-    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable was just before."""
+    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable
+    was just before.
+    """
 
     variable: str
     origin: int = 0
@@ -400,8 +449,8 @@ class SetVariable(Numbered, frozen=True, tag=21):
 
 
 class WaitUntilHandled(Numbered, frozen=True, tag=22):
-    """Answer when each of these messages is handled by somebody, all at the same time. Before that an Answer with
-    *more* and a text may come: a warning.
+    """Answer when each of these messages is handled by somebody, all at the same time. Before that
+    an Answer with *more* and a text may come: a warning.
     """
 
     messages: Annotated[list[str], MANY]
@@ -415,18 +464,56 @@ class GoOn(Numbered, frozen=True, tag=54):
 
 
 ToCentral = (
-    Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
-    | Receipt | Attach | Remove | Raise | Retry | Resolve | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
-    | WatchEntrance | Recalled | Replies | GoOn | ChangeState | Observe
-)  # fmt: skip
+    Hello
+    | Register
+    | Unregister
+    | Send
+    | Reply
+    | Fail
+    | Constrain
+    | AwaitPoint
+    | GiveUp
+    | Kill
+    | Ask
+    | Bye
+    | Receipt
+    | Attach
+    | Remove
+    | Raise
+    | Retry
+    | Resolve
+    | Suspend
+    | Deadline
+    | Inspect
+    | Tap
+    | Fire
+    | EndMonitor
+    | GetVariable
+    | SetVariable
+    | WaitUntilHandled
+    | Lock
+    | Unlock
+    | Keep
+    | Await
+    | AwaitAny
+    | Release
+    | Noted
+    | WatchEntrance
+    | Recalled
+    | Replies
+    | GoOn
+    | ChangeState
+    | Observe
+)
 
 
-# --- from central ----------------------------------------------------------------------------------------------------
+# --- from central ---------------------------------------------------------------------------------
 
 
 class Welcome(Numbered, frozen=True, tag=33):
-    """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this run of central."""
+    """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this
+    run of central.
+    """
 
     version: int
     module: str
@@ -440,7 +527,9 @@ class Accepted(Numbered, frozen=True, tag=34):
 
 
 class TasksMade(WireArray, frozen=True, tag=45):
-    """The *quiet* requests that were taken since the last such message, and the tasks that they became."""
+    """The *quiet* requests that were taken since the last such message, and the tasks that they
+    became.
+    """
 
     tasks: list[tuple[int, TaskId]]
 
@@ -453,14 +542,18 @@ class Refused(Numbered, frozen=True, tag=35):
 
 
 class Answer(Numbered, frozen=True, tag=36):
-    """The answer to a query, a wait or a question; the body is the reply, result or failure data."""
+    """The answer to a query, a wait or a question; the body is the reply, result or failure
+    data.
+    """
 
     outcome: Outcome = Outcome.DONE
     failure: str = ""
     text: str = ""
     more: bool = False
-    """Further answers to a multi-query follow; the one without *more* is the end. It has no body and is *done*, or is
-    the first failure if all handlers failed: the first line of its text names them all."""
+    """Further answers to a multi-query follow; the one without *more* is the end. It has no body
+    and is *done*, or is the first failure if all handlers failed: the first line of its text names
+    them all.
+    """
 
 
 class Deliver(OfDelivery, frozen=True, tag=37):
@@ -473,13 +566,19 @@ class Deliver(OfDelivery, frozen=True, tag=37):
     """The reason for it, if central made it."""
     suspended: bool = False
     own: bool = False
-    """A slot of its resource waits for the answer, and this one takes messages directly: handle it within another."""
+    """A slot of its resource waits for the answer, and this one takes messages directly: handle it
+    within another.
+    """
     ahead: int = 0
-    """So many deliveries, which are not answered yet as far as central knows, are to be handled before it."""
+    """So many deliveries, which are not answered yet as far as central knows, are to be handled
+    before it.
+    """
 
 
 class Cancelled(OfDelivery, frozen=True, tag=38):
-    """The task of this delivery has been killed, or is to be handled again: its handler should end soon."""
+    """The task of this delivery has been killed, or is to be handled again: its handler should end
+    soon.
+    """
 
     why: str = ""
     """Why, and of a kill by whom."""
@@ -490,7 +589,9 @@ class Beat(WireArray, frozen=True, tag=39):
 
 
 class Unknown(WireArray, frozen=True, tag=40):
-    """Central does not know this connection: say Hello again, then repeat unacknowledged requests."""
+    """Central does not know this connection: say Hello again, then repeat unacknowledged
+    requests.
+    """
 
     number: int = 0
     """The request that it answers, which is not done: if it was sent only once, nobody has it."""
@@ -503,7 +604,9 @@ class Closing(WireArray, frozen=True, tag=41):
 
 
 class Suspended(OfDelivery, frozen=True, tag=42):
-    """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to its end."""
+    """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to
+    its end.
+    """
 
     is_suspended: bool
 
@@ -521,12 +624,30 @@ class Replace(Numbered, frozen=True, tag=51):
 
 
 class Recall(WireArray, frozen=True, tag=44):
-    """Give back those of these deliveries, which you have ahead, that you have not begun; answered by Recalled."""
+    """Give back those of these deliveries, which you have ahead, that you have not begun; answered
+    by Recalled.
+    """
 
     deliveries: list[int]
 
 
 ToModule = (
-    Welcome | Accepted | TasksMade | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
-    | Requested | Taken | Replace | Route | EntranceGone | Recall | Barred
-)  # fmt: skip
+    Welcome
+    | Accepted
+    | TasksMade
+    | Refused
+    | Answer
+    | Deliver
+    | Cancelled
+    | Beat
+    | Unknown
+    | Closing
+    | Suspended
+    | Requested
+    | Taken
+    | Replace
+    | Route
+    | EntranceGone
+    | Recall
+    | Barred
+)

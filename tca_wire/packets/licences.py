@@ -1,7 +1,7 @@
 """Licences: by what a slot knows that central lets a sender send to it directly.
 
-Central makes one for each sender out of the key of the slot's entrance, which nobody else has; so the slot needs no
-list of senders, only one of the licences that are not valid any more.
+Central makes one for each sender out of the key of the slot's entrance, which nobody else has; so
+the slot needs no list of senders, only one of the licences that are not valid any more.
 """
 
 import hashlib

@@ -12,7 +12,9 @@ MANY = msgspec.Meta(max_length=int(Limit.LIST))
 
 
 class WireArray(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all headers and their parts: an array on the wire. The first element of a header is its kind."""
+    """The base of all headers and their parts: an array on the wire. The first element of a header
+    is its kind.
+    """
 
 
 class Numbered(WireArray, frozen=True):
@@ -34,14 +36,18 @@ class OfDelivery(WireArray, frozen=True):
 
 
 class MessageFormat(WireArray, frozen=True):
-    """A message's name, class and formats (JSON Schema as text; "" where the class has no reply)."""
+    """A message's name, class and formats (JSON Schema as text; "" where the class has no
+    reply).
+    """
 
     name: str
     message_class: MessageClass
     data: str
     reply: str = ""
     parts: Annotated[list[str], MANY] = []
-    """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for none)."""
+    """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for
+    none).
+    """
     progress: str = ""
     """The format of a task's intermediate results ("": it has none)."""
     life_cycle: str = ""
@@ -49,7 +55,9 @@ class MessageFormat(WireArray, frozen=True):
 
 
 class HandlerFormat(WireArray, frozen=True):
-    """A message that a module handles, in which resource; handlers of one *pool* share the messages."""
+    """A message that a module handles, in which resource; handlers of one *pool* share the
+    messages.
+    """
 
     message: str
     resource: str
@@ -63,7 +71,9 @@ class HandlerFormat(WireArray, frozen=True):
     takes: Annotated[list[str], MANY] = []
     """The transitions of clients that the handler is told of, and decides about."""
     refuses: Annotated[list[str], MANY] = []
-    """Those that are refused in its name. Of the others an update restarts the task, a cancel kills it."""
+    """Those that are refused in its name. Of the others an update restarts the task, a cancel kills
+    it.
+    """
     busy: Busy = Busy.QUEUE
     """What becomes of a task that has to wait for this handler."""
 
@@ -79,7 +89,9 @@ class EndedRun(WireArray, frozen=True, gc=False):
 
 
 class Attachment(WireArray, frozen=True):
-    """The attachment of an exception handler for a failure, at most *maximum* times (0: any number of times)."""
+    """The attachment of an exception handler for a failure, at most *maximum* times (0: any number
+    of times).
+    """
 
     failure: str
     handler: str
@@ -102,7 +114,9 @@ class WatchOptions(WireArray, frozen=True):
     until: Point | None = None
     """The point at which it ends."""
     waited_for: bool = False
-    """Its parent waits for its end: it does not end at the latest when all else under its parent has."""
+    """Its parent waits for its end: it does not end at the latest when all else under its parent
+    has.
+    """
 
 
 class StateChange(WireArray, frozen=True):
@@ -122,8 +136,9 @@ class StateChange(WireArray, frozen=True):
     goal: bytes = b""
     """The task's data."""
     data: bytes = b""
-    """The goal that is asked for, an intermediate result (the newest, where the task is told of as it stands), or the
-    result."""
+    """The goal that is asked for, an intermediate result (the newest, where the task is told of as
+    it stands), or the result.
+    """
     is_late: bool = False
     """It was so before the observer came."""
     is_over: bool = False
@@ -149,7 +164,9 @@ class Trouble(WireArray, frozen=True, tag="trouble"):
     attempts: int
     """The number of times that the failing task has been handled."""
     invocations: int
-    """The number of calls of this exception handler for the task that it is attached to, this one included."""
+    """The number of calls of this exception handler for the task that it is attached to, this one
+    included.
+    """
 
 
 class Tapped(WireArray, frozen=True, tag="tapped"):

@@ -17,14 +17,17 @@ MOST_LOST = 1_000_000_000
 class Entrance(WireArray, frozen=True):
     """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
-    In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages licences that it
-    makes of it (licences.py), and nothing to anybody else; no journal has them, but the log of inputs.
+    In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages
+    licences that it makes of it (licences.py), and nothing to anybody else; no journal has them,
+    but the log of inputs.
     """
 
     endpoint: str
     key: str
     curve: str = ""
-    """The public key of the socket, if it asks for CURVE: whoever connects needs it, and shows a pair of its own."""
+    """The public key of the socket, if it asks for CURVE: whoever connects needs it, and shows a
+    pair of its own.
+    """
 
 
 class Note(WireArray, frozen=True):
@@ -46,7 +49,9 @@ class Note(WireArray, frozen=True):
 
 
 class Loss(WireArray, frozen=True):
-    """The number of informs sent directly that were lost, or may have been; of message "": notes that were not kept."""
+    """The number of informs sent directly that were lost, or may have been; of message "": notes
+    that were not kept.
+    """
 
     message: str
     number: int
@@ -66,7 +71,9 @@ class WatchEntrance(WireArray, frozen=True, tag=81):
 
 
 class Route(WireArray, frozen=True, tag=82):
-    """From now on send this message to one of these entrances; if there is none, through central."""
+    """From now on send this message to one of these entrances; if there is none, through
+    central.
+    """
 
     message: str
     entrances: list[Entrance] = []
@@ -79,8 +86,9 @@ class Barred(WireArray, frozen=True, tag=46):
 
 
 class EntranceGone(WireArray, frozen=True, tag=83):
-    """The slot of an entrance is gone: queries that it has not answered will not be. If it was not *lost* but left, it
-    answers what it has begun with, and says Closing to those whose queries it has not.
+    """The slot of an entrance is gone: queries that it has not answered will not be. If it was not
+    *lost* but left, it answers what it has begun with, and says Closing to those whose queries it
+    has not.
     """
 
     endpoint: str

@@ -1,4 +1,6 @@
-"""Bodies of messages (user data of unknown type) as plain values and as text. Knows nothing of messages."""
+"""Bodies of messages (user data of unknown type) as plain values and as text. Knows nothing of
+messages.
+"""
 
 import base64
 import json
@@ -16,7 +18,9 @@ _DEEPEST = 100
 
 
 def plain_data(body: bytes) -> Any:
-    """The content of *body* as JSON values: strings for numbers JSON lacks, objects for bytes and arrays."""
+    """The content of *body* as JSON values: strings for numbers JSON lacks, objects for bytes and
+    arrays.
+    """
     try:
         return _plain(decode_untyped(body), 0)
     except BadData as error:
@@ -24,7 +28,9 @@ def plain_data(body: bytes) -> Any:
 
 
 def json_text(value: Any, *, indent: int | None = None) -> str:
-    """A value as JSON that every program reads: what is no number, or infinite, is the text ``nan`` or ``inf``."""
+    """A value as JSON that every program reads: what is no number, or infinite, is the text ``nan``
+    or ``inf``.
+    """
     try:
         return json.dumps(value, indent=indent, allow_nan=False)
     except ValueError:
@@ -32,7 +38,9 @@ def json_text(value: Any, *, indent: int | None = None) -> str:
 
 
 def data_text(body: bytes) -> str:
-    """The content of *body* on one line, safe for a terminal; "" for nothing. Very long data is cut."""
+    """The content of *body* on one line, safe for a terminal; "" for nothing. Very long data is
+    cut.
+    """
     data = plain_data(body)
     if data is None:
         return ""
@@ -52,7 +60,11 @@ def _plain(value: Any, depth: int) -> Any:
 
 
 def _plain_leaf(value: Any) -> Any:
-    if value is None or isinstance(value, str | bool | int) or (isinstance(value, float) and math.isfinite(value)):
+    if (
+        value is None
+        or isinstance(value, str | bool | int)
+        or (isinstance(value, float) and math.isfinite(value))
+    ):
         return value
     if isinstance(value, bytes | bytearray):
         return {"base64": base64.b64encode(value).decode()}
@@ -60,6 +72,8 @@ def _plain_leaf(value: Any) -> Any:
         return {"extension": value.code, "base64": base64.b64encode(value.data).decode()}
     if hasattr(value, "isoformat"):
         return value.isoformat()
-    if hasattr(value, "dtype"):  # an array, if numpy happens to be loaded; shown as it is without numpy
+    if hasattr(
+        value, "dtype"
+    ):  # an array, if numpy happens to be loaded; shown as it is without numpy
         return {"dtype": value.dtype.str, "shape": list(value.shape)}
     return str(value)

@@ -53,14 +53,20 @@ def why_stopped(chart: MachineChart, one: Objection) -> str:
 def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
     label = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
     return phrase.format(
-        state=label.get(one.state, "?"), other=label.get(one.other, "?"), name=f"'{one.name or 'all'}'"
+        state=label.get(one.state, "?"),
+        other=label.get(one.other, "?"),
+        name=f"'{one.name or 'all'}'",
     )
 
 
 def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
-    """The objections that held until a transition: to the activity of the state that is entered; and that nothing was
-    foreseen, if an activity was done then.
+    """The objections that held until a transition: to the activity of the state that is entered;
+    and that nothing was foreseen, if an activity was done then.
     """
     steady = now.before if now.taken.split(" [")[0] == "done" else -1
     entered = now.current if now.taken else -1
-    return [one for one in before.refused if one.state == (steady if one.reason is Reason.STEADY else entered)]
+    return [
+        one
+        for one in before.refused
+        if one.state == (steady if one.reason is Reason.STEADY else entered)
+    ]

@@ -1,4 +1,6 @@
-"""The facts of a journal in words, one line each. Remembers the names of messages, and nothing else."""
+"""The facts of a journal in words, one line each. Remembers the names of messages, and nothing
+else.
+"""
 
 import re
 from collections.abc import Callable
@@ -19,7 +21,9 @@ _COMMAND = "tca "
 
 
 class Wording:
-    """Facts in words; a name stays known as long as facts about it may come. *known* names earlier messages."""
+    """Facts in words; a name stays known as long as facts about it may come. *known* names earlier
+    messages.
+    """
 
     def __init__(self, known: Callable[[int], str] = lambda _: "?") -> None:
         self._names: dict[int, str] = {}
@@ -30,7 +34,9 @@ class Wording:
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
         elif isinstance(fact, facts.Delivered | facts.Queued):
-            self._names.setdefault(fact.id, self._names.get(fact.message_id) or self._known(fact.message_id))
+            self._names.setdefault(
+                fact.id, self._names.get(fact.message_id) or self._known(fact.message_id)
+            )
         elif isinstance(fact, facts.Claimed):
             kind = "reservation" if fact.is_reserved else "lock"
             self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
@@ -73,7 +79,9 @@ class Wording:
         return f"{_moments(point.moment)} of {self.name(point.task)}"
 
     def constraint(self, constraint: Constraint) -> str:
-        """``end handling of walk {1} + 2 s before start handling of grip {2}``; or the delay alone before it."""
+        """``end handling of walk {1} + 2 s before start handling of grip {2}``; or the delay alone
+        before it.
+        """
         before, delay = constraint.before, _seconds(constraint.delay) if constraint.delay else ""
         parts = [delay] if before.task == ROOT else [self.point(before), *filter(None, [delay])]
         return f"{' + '.join(parts)} before {self.point(constraint.after)}"
@@ -147,10 +155,11 @@ PHRASES: dict[type, str] = {
     facts.MonitorTested: "{monitor:name}: [holds?holds|does not hold]",
     facts.MonitorEnded: "{monitor:name}: {why}",
 }
-"""The phrase of each kind of fact that is told by more than the name of what it is about, its first field.
+"""The phrase of each kind of fact that is told by more than the name of what it is about, its first
+field.
 
-``{field:form}`` is a field in one of the forms below. A part in brackets is left out if one of its fields is empty;
-of ``[field?this|that]`` the field decides which one stands there.
+``{field:form}`` is a field in one of the forms below. A part in brackets is left out if one of its
+fields is empty; of ``[field?this|that]`` the field decides which one stands there.
 """
 
 _PART = re.compile(r"\[(?:(\w+)\?)?([^]]*)\]|([^[]+)")
@@ -165,7 +174,9 @@ def _parts(phrase: str) -> list[tuple[str, str, str]]:
 
 @cache
 def _pieces(text: str) -> list[str]:
-    """The words of a part before its first field; then name and form of each field, and the words behind it."""
+    """The words of a part before its first field; then name and form of each field, and the words
+    behind it.
+    """
     return _FIELD.split(text)
 
 
@@ -175,8 +186,12 @@ _FORMS: dict[str, Callable[[Wording, Any, Any], str]] = {
     "": lambda _, __, value: str(value),
     "at": lambda say, _, task: say.name(task) if task else "the root",
     "attachment": lambda say, _, one: say.filled(ATTACHMENT, one),
-    "attachments": lambda say, _, several: " and ".join(say.filled(ATTACHMENT, one) for one in several),
-    "awaited": lambda say, fact, task: _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task)),
+    "attachments": lambda say, _, several: " and ".join(
+        say.filled(ATTACHMENT, one) for one in several
+    ),
+    "awaited": lambda say, fact, task: (
+        _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task))
+    ),
     "by": lambda _, __, by: by_whom(by),
     "constraint": lambda say, _, one: say.constraint(one),
     "constraints": lambda say, _, several: "; ".join(map(say.constraint, several)),
@@ -206,7 +221,9 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
         fields["moments"] = describe_moments(fact.moments)
     elif isinstance(fact, facts.WaitBegan | facts.DeadlineSet):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
-    if isinstance(fact, facts.WaitBegan | facts.WaitEnded):  # of the one for a task only that is told
+    if isinstance(
+        fact, facts.WaitBegan | facts.WaitEnded
+    ):  # of the one for a task only that is told
         fields = {name: value for name, value in fields.items() if value or name == "origin"}
         if fact.awaits is WaitKind.TASK:
             del fields["awaits"]
@@ -215,7 +232,10 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
 
 def subject_of(fact: facts.Fact) -> int:
     """The message, task, lock or attachment that a fact is about; 0 for none."""
-    fields = (getattr(fact, name, None) for name in ("task", "message_id", "id", "tapped", "monitor", "handler"))
+    fields = (
+        getattr(fact, name, None)
+        for name in ("task", "message_id", "id", "tapped", "monitor", "handler")
+    )
     return next((number for number in fields if isinstance(number, int)), 0)
 
 
@@ -232,8 +252,8 @@ def by_whom(by: str) -> str:
 
 
 def state_change(transition: str, state: str, module: str, text: str = "") -> str:
-    """A transition of a task's life cycle: ``update by planner, now update requested: it slips``. Without a *state*,
-    that stays as it was.
+    """A transition of a task's life cycle: ``update by planner, now update requested: it slips``.
+    Without a *state*, that stays as it was.
     """
     return f"{transition}{by_whom(module)}{f', now {state}' if state else ''}{f': {text}' if text else ''}"
 
@@ -245,7 +265,9 @@ def kill_reason(why: str, by: str) -> str:
 
 
 def raised_by(by: str) -> str:
-    """The origin of a failure from outside the handler: " (raised by the command 'tca raise')"; "" for central."""
+    """The origin of a failure from outside the handler: " (raised by the command 'tca raise')"; ""
+    for central.
+    """
     whom = by_whom(by)
     return f" (raised{whom})" if whom else ""
 

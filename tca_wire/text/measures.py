@@ -16,7 +16,11 @@ def duration(seconds: float) -> str:
     if seconds < 119.5:
         return f"{seconds:.3g} s"
     minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes}:{rest:02} min" if minutes < 120 else f"{minutes // 60}:{minutes % 60:02}:{rest:02} h"
+    return (
+        f"{minutes}:{rest:02} min"
+        if minutes < 120
+        else f"{minutes // 60}:{minutes % 60:02}:{rest:02} h"
+    )
 
 
 def run_time(seconds: float) -> str:
@@ -26,7 +30,11 @@ def run_time(seconds: float) -> str:
 
 def from_to(start: float, end: float | None) -> str:
     """A span in words: ``from 0.700 s to 1.400 s``, or without end ``from 0.700 s on``."""
-    return f"from {run_time(start)} on" if end is None else f"from {run_time(start)} to {run_time(end)}"
+    return (
+        f"from {run_time(start)} on"
+        if end is None
+        else f"from {run_time(start)} to {run_time(end)}"
+    )
 
 
 def percent(share: float) -> str:
@@ -38,7 +46,11 @@ def size(octets: float) -> str:
     """``812 bytes``, ``1.5 KiB``, ``320 MiB``."""
     if octets < 1 << 10:
         return f"{octets:.0f} bytes"
-    unit = next(unit for unit in ("KiB", "MiB", "GiB", "TiB") if (octets := octets / 1024) < 1000 or unit == "TiB")
+    unit = next(
+        unit
+        for unit in ("KiB", "MiB", "GiB", "TiB")
+        if (octets := octets / 1024) < 1000 or unit == "TiB"
+    )
     return f"{octets:.3g} {unit}"
 
 
@@ -53,7 +65,9 @@ def counted(number: int, what: str) -> str:
 
 
 def listed(names: Sequence[str], more: int = 0, *, named: int = _NAMED) -> str:
-    """``a``, ``a and b``, ``a, b and c``, ``a, b, c and 52 more``. Of very many only the first are *named*."""
+    """``a``, ``a and b``, ``a, b and c``, ``a, b, c and 52 more``. Of very many only the first are
+    *named*.
+    """
     more += max(len(names) - named, 0)
     told = [*names[:named], *([f"{more:,} more"] if more else [])]
     return f"{', '.join(told[:-1])} and {told[-1]}" if len(told) > 1 else "".join(told)

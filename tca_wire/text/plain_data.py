@@ -1,7 +1,8 @@
-"""Plain values (what JSON has, or what a person types) made into data of a format that is known as JSON Schema only.
+"""Plain values (what JSON has, or what a person types) made into data of a format that is known as
+JSON Schema only.
 
-For programs that send messages which they did not declare, such as the command line. Stricter than a decoder: a field
-that the format does not know is refused, for it is a slip of the pen.
+For programs that send messages which they did not declare, such as the command line. Stricter than
+a decoder: a field that the format does not know is refused, for it is a slip of the pen.
 """
 
 import base64
@@ -38,12 +39,19 @@ _WORDS = {
     "partial-time": "a time of day like 12:00:00", "any-time": "a time of day like 12:00:00",
     "duration": "a duration like PT1.5S", "uuid": "a UUID", "decimal": "a decimal number as text",
 }  # fmt: skip
-_SIMPLE: dict[str, Any] = {"integer": int, "number": int | float, "boolean": bool, "null": type(None)}
+_SIMPLE: dict[str, Any] = {
+    "integer": int,
+    "number": int | float,
+    "boolean": bool,
+    "null": type(None),
+}
 _LONGEST_SHOWN = 40
 
 
 class FieldMisfit(BadData):
-    """A value that does not fit: the *path* of its field ("": the whole), and the *problem* in words."""
+    """A value that does not fit: the *path* of its field ("": the whole), and the *problem* in
+    words.
+    """
 
     def __init__(self, path: str, problem: str) -> None:
         super().__init__(f"field '{path}' {problem}" if path else f"the data {problem}")
@@ -69,7 +77,9 @@ class Bare:
 
 
 class PlainFormat(Format[Any]):
-    """A format of which only the schema is known. Its values are plain: dicts, lists, texts, numbers, None."""
+    """A format of which only the schema is known. Its values are plain: dicts, lists, texts,
+    numbers, None.
+    """
 
     def __init__(self, schema: str) -> None:
         try:
@@ -89,7 +99,9 @@ class PlainFormat(Format[Any]):
         return _DataBuilder(self.shape).takes_fields(self.shape)
 
     def encode(self, value: Any) -> bytes:
-        """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it does not fit."""
+        """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it
+        does not fit.
+        """
         try:
             fitted = _DataBuilder(self.shape).fit(self.shape, value, "")
         except RecursionError:
@@ -126,17 +138,23 @@ _PARTS: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("properties", "$defs"), _fields),
     **dict.fromkeys(("anyOf", "prefixItems"), _schemas),
     "enum": _list,
-    "required": lambda part: [one for one in part if isinstance(one, str)] if isinstance(part, list) else None,
+    "required": lambda part: (
+        [one for one in part if isinstance(one, str)] if isinstance(part, list) else None
+    ),
     "items": _sound,
     "propertyNames": _sound,
     "additionalProperties": lambda part: part if isinstance(part, bool) else _sound(part),
     "discriminator": lambda part: _sound(part) or None,
-    "mapping": lambda part: {name: to for name, to in part.items() if _text(to)} if isinstance(part, dict) else None,
+    "mapping": lambda part: (
+        {name: to for name, to in part.items() if _text(to)} if isinstance(part, dict) else None
+    ),
 }
 
 
 def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
-    """Why the field at *path* (none: the whole) can't be *value*; "" if it can, as far as formats tell."""
+    """Why the field at *path* (none: the whole) can't be *value*; "" if it can, as far as formats
+    tell.
+    """
     whole = PlainFormat(schema).shape
     fitting, problem = _DataBuilder(whole), ""
     try:
@@ -194,7 +212,9 @@ class _DataBuilder:
             known = [key for option in found for key in option.get("properties", ())]
             found = [one for option in found for one in self._fields_named(option, name)]
             if not found:
-                raise FieldMisfit(".".join(path[: depth + 1]), f"is unknown: {_advice(name, known)}")
+                raise FieldMisfit(
+                    ".".join(path[: depth + 1]), f"is unknown: {_advice(name, known)}"
+                )
         return found
 
     def _options(self, schema: Any) -> list[dict[str, Any]]:
@@ -215,7 +235,9 @@ class _DataBuilder:
         schema = self._resolve(schema)
         if "anyOf" in schema:
             return self._any(schema, value, path)
-        if "enum" in schema and not any(value == one and type(value) is type(one) for one in schema["enum"]):
+        if "enum" in schema and not any(
+            value == one and type(value) is type(one) for one in schema["enum"]
+        ):
             raise self._unfit(schema, value, path)
         fit_type = self._of_type.get(str(schema.get("type")))
         fitted = fit_type(schema, value, path) if fit_type else _without_bare(value)
@@ -253,10 +275,13 @@ class _DataBuilder:
                 raise with_fields[0]
         raise self._unfit(schema, value, path)
 
-    # --- one type each ---------------------------------------------------------------------------------------------
+    # --- one type each ----------------------------------------------------------------------------
 
     def _object(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        fields, others = schema.get("properties", {}), schema.get("additionalProperties", "properties" not in schema)
+        fields, others = (
+            schema.get("properties", {}),
+            schema.get("additionalProperties", "properties" not in schema),
+        )
         if not isinstance(value, dict):
             raise self._unfit(schema, value, path)
         for name in value if others is False else ():
@@ -264,21 +289,29 @@ class _DataBuilder:
                 raise FieldMisfit(_field(path, name), f"is unknown: {_advice(name, list(fields))}")
         for name in schema.get("required", ()):
             if name not in value:
-                raise FieldMisfit(_field(path, name), f"is missing: it must be {self._wanted(fields.get(name))}")
+                raise FieldMisfit(
+                    _field(path, name), f"is missing: it must be {self._wanted(fields.get(name))}"
+                )
         names = schema.get("propertyNames", {})
         return {
-            self._key(names, name, path): self.fit(fields.get(name, others), one, _field(path, name))
+            self._key(names, name, path): self.fit(
+                fields.get(name, others), one, _field(path, name)
+            )
             for name, one in value.items()
         }
 
     def _key(self, schema: dict[str, Any], name: Any, path: str) -> Any:
         """A key of a mapping: JSON writes all keys as text."""
         is_text = schema.get("type", "string") == "string" and "enum" not in schema
-        return self.fit(schema, name if is_text or not isinstance(name, str) else Bare(name), _field(path, name))
+        return self.fit(
+            schema, name if is_text or not isinstance(name, str) else Bare(name), _field(path, name)
+        )
 
     def _array(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         if schema.get("format") == "numpy":
-            raise FieldMisfit(path, "is a numpy array, which can't be written as text: send it from Python")
+            raise FieldMisfit(
+                path, "is a numpy array, which can't be written as text: send it from Python"
+            )
         if not isinstance(value, list | tuple):
             raise self._unfit(schema, value, path)
         places, rest = schema.get("prefixItems", []), schema.get("items", {})
@@ -294,7 +327,9 @@ class _DataBuilder:
             try:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
-                raise FieldMisfit(path, f"holds bytes, written in base64, and {_shown(value)} is not") from None
+                raise FieldMisfit(
+                    path, f"holds bytes, written in base64, and {_shown(value)} is not"
+                ) from None
         if kind := TEXT_FORMATS.get(schema.get("format", "")):
             try:
                 msgspec.convert(value, kind)
@@ -311,7 +346,7 @@ class _DataBuilder:
         except OverflowError:
             raise self._unfit(schema, value, path) from None
 
-    # --- in words --------------------------------------------------------------------------------------------------
+    # --- in words ---------------------------------------------------------------------------------
 
     def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> FieldMisfit:
         return FieldMisfit(path, f"must be {self._wanted(schema)}, and {_shown(value)} is not")
@@ -345,7 +380,9 @@ def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
         except (TypeError, re.error, ZeroDivisionError):  # the schema comes from anybody
             continue
         if not is_met:
-            raise FieldMisfit(path, f"must be {words.format(schema[key])}, and {_shown(value)} is not")
+            raise FieldMisfit(
+                path, f"must be {words.format(schema[key])}, and {_shown(value)} is not"
+            )
 
 
 def _shown(value: Any) -> str:

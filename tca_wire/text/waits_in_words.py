@@ -25,14 +25,16 @@ Waits = Sequence[WaitFor]
 
 
 def in_words(wait: WaitFor, now: float | None = None) -> str:
-    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still takes,
-    and of a suspension how long it has lasted.
+    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still
+    takes, and of a suspension how long it has lasted.
     """
     return _WORDS[wait.kind](_Alike([wait], now))
 
 
 def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
-    """Several waits, grouped by kind and moment: ``until a {1} and b {2} are achieved, and for legs``."""
+    """Several waits, grouped by kind and moment: ``until a {1} and b {2} are achieved, and for
+    legs``.
+    """
     return ", and ".join(clauses(waits, now))
 
 
@@ -47,7 +49,9 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
 
 
 def waiter_in_words(waiter: Waiter) -> str:
-    """The waiter: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2 more``."""
+    """The waiter: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2
+    more``.
+    """
     if not waiter.number:
         return f"module {waiter.module}"
     where = f" in {waiter.module}" if waiter.module else ""
@@ -56,8 +60,8 @@ def waiter_in_words(waiter: Waiter) -> str:
 
 
 def whereabouts(query: WaitFor) -> str:
-    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``; or the modules that
-    have not answered.
+    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``;
+    or the modules that have not answered.
     """
     if len(query.because) > 1 or query.answered:
         return not_answered(query)
@@ -71,8 +75,9 @@ def whereabouts(query: WaitFor) -> str:
 
 
 def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
-    """The causes of one wait, one after the other or at once, with how many seconds each took: ``for legs, busy with
-    grip {3} (3 s); busy with move {4} (2 s); and 2 more (520 ms)``. Those that took longest are named.
+    """The causes of one wait, one after the other or at once, with how many seconds each took:
+    ``for legs, busy with grip {3} (3 s); busy with move {4} (2 s); and 2 more (520 ms)``. Those
+    that took longest are named.
     """
     lengths: dict[WaitFor, float] = {}
     for wait, seconds in causes:
@@ -157,14 +162,20 @@ def _lock(waits: _Alike) -> str:
 
 
 def _kept(because: Waits) -> str:
-    """The users that block a resource: ``, busy with walk {3} and 2 more``, ``, which panel has locked``."""
+    """The users that block a resource: ``, busy with walk {3} and 2 more``, ``, which panel has
+    locked``.
+    """
     return f", {_keepers(because)}" if because else ""
 
 
 def _keepers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
     parts = [f"busy with {_Alike(running).names}"] if running else []
-    parts += [f"which {_keeper(one, ' first' if running else '')}" for one in because if one not in running]
+    parts += [
+        f"which {_keeper(one, ' first' if running else '')}"
+        for one in because
+        if one not in running
+    ]
     return ", and ".join(parts)
 
 
@@ -176,13 +187,17 @@ def _keeper(wait: WaitFor, order: str) -> str:
         message = wait.because[0]
         how = "while handling" if message.kind is WaitKind.RUNNING else "for"
         whose = f" {how} {numbered(message.name, message.number)}"
-    to_lock, has_locked = ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
+    to_lock, has_locked = (
+        ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
+    )
     how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}{order}"
     return f"{wait.module} {how}{whose}"
 
 
 def not_answered(query: WaitFor) -> str:
-    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 answered)``."""
+    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3
+    answered)``.
+    """
     number, answered = len(query.because), query.answered
     told = f" ({answered} of {answered + number} answered)" if answered else ""
     return f"{listed([_who(one) for one in query.because])} {'has' if number == 1 else 'have'} not answered{told}"
@@ -197,7 +212,11 @@ def _resume(waits: _Alike) -> str:
     wait, ago = waits.first, ""
     if waits.now is not None and wait.seconds is not None:
         ago = f" {duration(max(waits.now - wait.seconds, 0.0))} ago"
-    by = f" ({suspended_by(wait.module, since_birth=wait.since_birth)}{ago})" if by_whom(wait.module) or ago else ""
+    by = (
+        f" ({suspended_by(wait.module, since_birth=wait.since_birth)}{ago})"
+        if by_whom(wait.module) or ago
+        else ""
+    )
     return f"until {waits.names if wait.number else 'it'} is resumed{by}"
 
 
@@ -217,10 +236,18 @@ def _running(waits: _Alike) -> str:
 
 
 _KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
-_TOGETHER = frozenset((
-    WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.HANDLER, WaitKind.PRESENCE, WaitKind.REPLY,
-    WaitKind.RUNNING, WaitKind.CHANGE,
-))  # fmt: skip
+_TOGETHER = frozenset(
+    (
+        WaitKind.CONSTRAINT,
+        WaitKind.SUBTASK,
+        WaitKind.TASK,
+        WaitKind.HANDLER,
+        WaitKind.PRESENCE,
+        WaitKind.REPLY,
+        WaitKind.RUNNING,
+        WaitKind.CHANGE,
+    )
+)
 """Kinds of which several are told in one clause."""
 
 _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {

@@ -1,7 +1,7 @@
 """The ends of waits: from wait to wait until something waits for nothing else.
 
-Central's state and a run at a moment each offer their waits as a graph. Each node is looked at once, however many wait
-for it, and nothing recurses.
+Central's state and a run at a moment each offer their waits as a graph. Each node is looked at
+once, however many wait for it, and nothing recurses.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,9 @@ class WaitGraph(Protocol[NodeT, EndT_co]):
     """Something that has waits."""
 
     def steps(self, node: NodeT) -> tuple[Sequence[NodeT], Sequence[EndT_co]]:
-        """The nodes that come before a node; and its own ends, by which it waits for nothing else."""
+        """The nodes that come before a node; and its own ends, by which it waits for nothing
+        else.
+        """
 
     def circle(self, nodes: list[NodeT]) -> EndT_co:
         """The end of nodes that wait for each other, and for nothing else."""
@@ -58,8 +60,8 @@ class Ends(Generic[NodeT, EndT_co]):
         return known[start]
 
     def _find(self, start: NodeT) -> None:
-        """Go depth first to where something waits for nothing else; what waits for each other is found together
-        (Tarjan's algorithm, without recursion).
+        """Go depth first to where something waits for nothing else; what waits for each other is
+        found together (Tarjan's algorithm, without recursion).
         """
         known, order, lowest = self.known, dict[NodeT, int](), dict[NodeT, int]()
         undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]] = {}
@@ -79,12 +81,18 @@ class Ends(Generic[NodeT, EndT_co]):
                 break
             else:
                 way.pop()
-                lowest[node] = min([lowest[node], *(lowest[one] for one in nexts if one not in known)])
+                lowest[node] = min(
+                    [lowest[node], *(lowest[one] for one in nexts if one not in known)]
+                )
                 if lowest[node] == order[node] and node in undecided:
                     self._settle(undecided, node)
 
-    def _settle(self, undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]], first: NodeT) -> None:
-        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere, and its own."""
+    def _settle(
+        self, undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]], first: NodeT
+    ) -> None:
+        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere,
+        and its own.
+        """
         group = dict([undecided.popitem()])
         while first not in group:
             group.update([undecided.popitem()])

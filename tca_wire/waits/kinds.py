@@ -1,7 +1,7 @@
 """Waits as data: their kinds, and one wait as shown to people.
 
-Central (for `tca status` and the texts of errors) and the tools (for all that explains a run) use the same kinds.
-The words stand in text/waits_in_words.py.
+Central (for `tca status` and the texts of errors) and the tools (for all that explains a run) use
+the same kinds. The words stand in text/waits_in_words.py.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,9 @@ class WaitKind(StrEnum):
     REPLY = "reply"  # its handler blocks until a query is answered
     TASK = "task"  # its handler blocks until a task reaches a moment
     LOCK = "lock"  # its handler blocks until it has a resource for itself
-    CHANGE = "change"  # its handler blocks until the state of a task changes, or it reports something
+    CHANGE = (
+        "change"  # its handler blocks until the state of a task changes, or it reports something
+    )
     RESUME = "resume"  # it is suspended
     RECOVERY = "recovery"  # an exception handler decides on it
     PRESENCE = "presence"  # a module waits until messages are handled
@@ -42,21 +44,24 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
 
     kind: WaitKind
     number: int = 0
-    """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own handler."""
+    """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own
+    handler.
+    """
     name: str = ""
-    """Its name: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that is asked, "" of a
-    demon monitor; of CHANGE of no certain task "any move leg".
+    """Its name: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that
+    is asked, "" of a demon monitor; of CHANGE of no certain task "any move leg".
     """
     moment: int = 0
     """The moment that the task has to reach (a Moment); 0: its end, however it comes."""
     module: str = ""
-    """The module of the resource or handler; of LOCKED, and of LOCK in *because*, the one that has or wants it. Of
-    RESUME the one that suspended the task, of LISTENER the one that added the wiretap.
+    """The module of the resource or handler; of LOCKED, and of LOCK in *because*, the one that has
+    or wants it. Of RESUME the one that suspended the task, of LISTENER the one that added the
+    wiretap.
     """
     resource: str = ""
     seconds: float | None = None
-    """Of DELAY: its end, on the journal's clock; after a point that has not come, its length. Of RESUME, as central
-    tells it: the beginning of the suspension, on the journal's clock.
+    """Of DELAY: its end, on the journal's clock; after a point that has not come, its length. Of
+    RESUME, as central tells it: the beginning of the suspension, on the journal's clock.
     """
     since_birth: bool = False
     """Of RESUME: the task was created suspended."""
@@ -65,13 +70,14 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     answered: int = 0
     """Of REPLY to a multi-query: the number of answers; *because* has the others."""
     more: int = 0
-    """The number of further waits of this kind and moment, not listed one by one; of RESOURCE the number of others that
-    would do as well.
+    """The number of further waits of this kind and moment, not listed one by one; of RESOURCE the
+    number of others that would do as well.
     """
     because: "tuple[WaitFor, ...]" = ()
-    """The causes in turn. Of RESOURCE and LOCK: its user (RUNNING), its holder (LOCKED), an earlier claim (LOCK), or
-    that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: the message that it is for (RUNNING; TASK, if it is
-    not handled any more). Of REPLY: the query's place (HANDLER, RESOURCE, RUNNING). Of RUNNING: its own waits.
+    """The causes in turn. Of RESOURCE and LOCK: its user (RUNNING), its holder (LOCKED), an earlier
+    claim (LOCK), or that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: the message
+    that it is for (RUNNING; TASK, if it is not handled any more). Of REPLY: the query's place
+    (HANDLER, RESOURCE, RUNNING). Of RUNNING: its own waits.
     """
 
 

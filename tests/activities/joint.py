@@ -50,7 +50,9 @@ class Joint(Component[JointData]):
         moving = movement.state("moving", exit=self.tell)
         fast = moving.state("fast", activity=self.move_fast, period=STEP, estimate=0.0001)
         slow = moving.state("slow", activity=self.move_slow, period=2 * STEP)
-        stopped.to(moving, on="move", needs=["enabling.enabled", "referencing.referenced", "limits.inside"])
+        stopped.to(
+            moving, on="move", needs=["enabling.enabled", "referencing.referenced", "limits.inside"]
+        )
         fast.to(slow, when=lambda: abs(self.data.target - self.data.position) < 0.1)
         moving.to(stopped, on="stop")
         moving.to(stopped, on="disable")

@@ -39,13 +39,21 @@ def in_virtual_time(processors: Sequence[Sequence[Demand]]) -> VirtualBaton:
 
 
 @st.composite
-def task_sets(draw: st.DrawFn, periods: Sequence[int] = (4, 5, 6, 8, 10, 12, 20, 24)) -> list[Demand]:
-    """By UUniFast: any utilisation, evenly divided among activities of any period. All times are whole numbers."""
+def task_sets(
+    draw: st.DrawFn, periods: Sequence[int] = (4, 5, 6, 8, 10, 12, 20, 24)
+) -> list[Demand]:
+    """By UUniFast: any utilisation, evenly divided among activities of any period. All times are
+    whole numbers.
+    """
     number = draw(st.integers(1, 6))
     left = draw(st.floats(0.3, 1.1))
     found = []
     for place in range(number):
-        rest = left * draw(st.floats(0.01, 0.99)) ** (1 / (number - place - 1)) if place < number - 1 else 0.0
+        rest = (
+            left * draw(st.floats(0.01, 0.99)) ** (1 / (number - place - 1))
+            if place < number - 1
+            else 0.0
+        )
         period = draw(st.sampled_from(periods)) * 1000
         found.append(Demand(f"a{place}", period, min(period, max(1, int((left - rest) * period)))))
         left = rest

@@ -28,13 +28,20 @@ def said(address: str, *arguments: str) -> str:
 @pytest.mark.slow
 def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon:
-        assert said(daemon.address) == "Error: central knows no application: start its program, with a Manager"
+        assert (
+            said(daemon.address)
+            == "Error: central knows no application: start its program, with a Manager"
+        )
         module = Module("robot", daemon.address)
         for name in ("arm", "base"):
             Manager(Application(name)).handle_in(module)
         with module.running():
-            assert said(daemon.address).endswith("several applications: give the name of one of 'arm', 'base'")
-            assert said(daemon.address, "leg").endswith("no application 'leg': it knows 'arm', 'base'")
+            assert said(daemon.address).endswith(
+                "several applications: give the name of one of 'arm', 'base'"
+            )
+            assert said(daemon.address, "leg").endswith(
+                "no application 'leg': it knows 'arm', 'base'"
+            )
             assert "can't serve there" in said(daemon.address, "arm", "--host", "192.0.2.1")
     assert "does not answer" in said(daemon.address)
 
@@ -51,7 +58,9 @@ def until_told(live: LiveApplication, part: str, words: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(tmp_path: Path) -> None:
+def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
+    tmp_path: Path,
+) -> None:
     address, names = f"ipc://{tmp_path}/central.sock", ApplicationMessages("arm")
     module, live = Module("robot", address), LiveApplication("arm", address)
     Manager(Application("arm", [Joint()])).handle_in(module)
@@ -61,7 +70,10 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
             robot.enter_context(live.running())
             until_told(live, "application", "referencing")
         until_told(live, "lost", "does not answer")
-        with central(tmp_path / "second", "--quiet", bind=address), connect("user", address) as user:
+        with (
+            central(tmp_path / "second", "--quiet", bind=address),
+            connect("user", address) as user,
+        ):
             end = time.monotonic() + 30
             while user.get_variable(names.states, None) is None:
                 assert time.monotonic() < end
@@ -76,7 +88,9 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_an_application_stands_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_tells_that_an_application_stands_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Here a picture takes for ever; a program that was stopped (SIGSTOP) is as silent."""
     monkeypatch.setattr(page, "SILENCE", 2.5)
     drawing, is_drawn = threading.Event(), threading.Event()
@@ -92,7 +106,11 @@ def test_a_page_tells_that_an_application_stands_still(tmp_path: Path, monkeypat
         with module.running(), live.running():
             until_told(live, "application", "referencing")
             drawing.set()
-            until_told(live, "lost", "'arm' has told nothing for more than 2.5 s: its program stands still, or is held")
+            until_told(
+                live,
+                "lost",
+                "'arm' has told nothing for more than 2.5 s: its program stands still, or is held",
+            )
             is_drawn.set()
             end = time.monotonic() + 30
             while live.news(0, 0.0)["parts"]["lost"]:

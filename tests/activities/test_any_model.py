@@ -1,4 +1,6 @@
-"""Models with random faults: each is refused with a line, or its components run and it can be drawn."""
+"""Models with random faults: each is refused with a line, or its components run and it can be
+drawn.
+"""
 
 import tomllib
 from copy import deepcopy
@@ -20,12 +22,32 @@ WORDS = (
     "search", "tell", "self", "region", "name", "data", "float", "int", "class", "going home", 'a"b', "a\\", "é", "Any",
     "List", "collections:Counter", "x.target", "take_target", "machine", "states", "Callable", "dataclass",
 )  # fmt: skip
-VALUES: list[Any] = [*WORDS, 0, 1, -1, 0.5, 10**30, float("inf"), float("nan"), True, [], ["x"], {}, {"type": "str"}]
+VALUES: list[Any] = [
+    *WORDS,
+    0,
+    1,
+    -1,
+    0.5,
+    10**30,
+    float("inf"),
+    float("nan"),
+    True,
+    [],
+    ["x"],
+    {},
+    {"type": "str"},
+]
 
 
 def places(node: Any) -> list[tuple[Any, Any]]:
     """All containers of the model, each with each of its keys."""
-    keys = list(node) if isinstance(node, dict) else list(range(len(node))) if isinstance(node, list) else []
+    keys = (
+        list(node)
+        if isinstance(node, dict)
+        else list(range(len(node)))
+        if isinstance(node, list)
+        else []
+    )
     return [(node, key) for key in keys] + [place for key in keys for place in places(node[key])]
 
 
@@ -34,7 +56,9 @@ def faulty(draw: st.DrawFn) -> dict[str, Any]:
     tables = deepcopy(TABLES)
     for _ in range(draw(st.integers(1, 2))):
         node, key = draw(st.sampled_from(places(tables)))
-        alike = [where[other] for where, other in places(TABLES) if type(where[other]) is type(node[key])]
+        alike = [
+            where[other] for where, other in places(TABLES) if type(where[other]) is type(node[key])
+        ]
         match draw(st.integers(0, 7)):
             case 0:
                 del node[key]

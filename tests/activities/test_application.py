@@ -1,4 +1,6 @@
-"""Applications: components whose activities are allocated to threads, and allocated anew while they run."""
+"""Applications: components whose activities are allocated to threads, and allocated anew while they
+run.
+"""
 
 import threading
 import time
@@ -36,7 +38,9 @@ class Counter(Component[Counts]):
         self.on_tick: Callable[[int], object] = lambda _number: None
         for number, period in enumerate((0.001, 0.002, 0.004)):
             region = self.region(f"r{number}", period=0.01, estimate=estimate)
-            region.state("on", activity=partial(self.count, number), period=period, estimate=estimate)
+            region.state(
+                "on", activity=partial(self.count, number), period=period, estimate=estimate
+            )
 
     def count(self, number: int) -> None:
         self.inside += 1
@@ -53,10 +57,13 @@ def ticks(application: Application) -> dict[str, int]:
 
 
 def allocated(application: Application) -> dict[str, list[str]]:
-    return {one.name: [each.name for each in one.activities] for one in application.allocation().processors}
+    return {
+        one.name: [each.name for each in one.activities]
+        for one in application.allocation().processors
+    }
 
 
-# --- with threads ---------------------------------------------------------------------------------------------------
+# --- with threads ---------------------------------------------------------------------------------
 
 
 def test_activities_are_ticked_one_at_a_time_whatever_is_changed() -> None:
@@ -108,7 +115,9 @@ def test_no_tick_waits_until_threads_are_started() -> None:
 
 def test_components_are_initialised_before_they_are_ticked() -> None:
     application = Application("test", [Counter("c")])
-    with pytest.raises(MisuseError, match=r"Counter 'c' is not initialised: call initialise\(\) before start\(\)"):
+    with pytest.raises(
+        MisuseError, match=r"Counter 'c' is not initialised: call initialise\(\) before start\(\)"
+    ):
         application.start()
     late = Counter("late")
     with application.running():
@@ -126,7 +135,8 @@ def test_it_starts_and_stops_as_often_as_wanted() -> None:
         with application.running():
             assert counter.enough.wait(20)
             with pytest.raises(
-                MisuseError, match=r"Application 'test' is running: call stop\(\) before initialise\(\)"
+                MisuseError,
+                match=r"Application 'test' is running: call stop\(\) before initialise\(\)",
             ):
                 application.initialise()
     application.start()  # goes on where it was
@@ -174,7 +184,9 @@ def test_an_activity_may_stop_the_application() -> None:
     application.start()
     assert counter.enough.wait(20)
     assert not application.is_running
-    assert refused == ["start() is not for the activity that has just called stop(): use another thread"]
+    assert refused == [
+        "start() is not for the activity that has just called stop(): use another thread"
+    ]
     with application.running():  # waits until the activity is done
         assert sum(ticks(application).values()) >= 1
 
@@ -199,7 +211,10 @@ def test_no_component_is_initialised_in_its_own_tick() -> None:
     application.initialise()
     application.start()
     assert counter.enough.wait(20)
-    assert refused == ["Counter 'c' can't be initialised from a tick of its own: use another thread"] * 2
+    assert (
+        refused
+        == ["Counter 'c' can't be initialised from a tick of its own: use another thread"] * 2
+    )
     application.stop()
 
 
@@ -255,7 +270,7 @@ def test_the_baton_is_never_lost() -> None:
         assert counter.enough.wait(20)
 
 
-# --- in virtual time ------------------------------------------------------------------------------------------------
+# --- in virtual time ------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -299,7 +314,10 @@ def test_the_verdict_is_held_by_the_run(baton: VirtualBaton) -> None:
         figures = application.figures()
     assert figures.is_schedulable
     assert figures.load == pytest.approx(figures.utilisation, rel=0.01)
-    assert [(one.name, one.is_schedulable) for one in figures.processors[:2]] == [("c.r0.on", True), ("c.r1.on", True)]
+    assert [(one.name, one.is_schedulable) for one in figures.processors[:2]] == [
+        ("c.r0.on", True),
+        ("c.r1.on", True),
+    ]
     for one in figures.processors:
         assert one.bound is not None
         assert one.response <= one.bound + 1e-9
@@ -309,7 +327,11 @@ def test_the_verdict_is_held_by_the_run(baton: VirtualBaton) -> None:
 def test_too_much_for_one_processor_is_divided_before_it_runs(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c", estimate=0.0003)], baton=baton)
     figures = application.figures()
-    assert (figures.is_schedulable, figures.processors[0].bound, figures.processors[0].margin) == (False, None, None)
+    assert (figures.is_schedulable, figures.processors[0].bound, figures.processors[0].margin) == (
+        False,
+        None,
+        None,
+    )
     application.allocate(automatic)
     assert [one.is_schedulable for one in application.figures().processors] == [True, True]
     assert allocated(application)["processor 1"] == ["c.r0.on", "c.r1.on"]
@@ -352,7 +374,9 @@ def test_measurement_overrules_analysis_for_a_while() -> None:
 
 
 def test_an_estimate_longer_than_the_period_is_refused() -> None:
-    with pytest.raises(MisuseError, match=r"'c\.r0\.on' takes 3 ms, longer than its period of 1 ms: divide it"):
+    with pytest.raises(
+        MisuseError, match=r"'c\.r0\.on' takes 3 ms, longer than its period of 1 ms: divide it"
+    ):
         Application("test", [Counter("c", estimate=0.003)])
 
 
@@ -363,13 +387,18 @@ def test_an_estimate_that_ticks_refute_does_not_count() -> None:
     with application.running():
         baton.run(0.5)
         assert not application.figures().is_schedulable
-        with pytest.raises(MisuseError, match=r"activity 'c\.r2\.on' takes 100 µs: its period can't be 10 µs"):
+        with pytest.raises(
+            MisuseError, match=r"activity 'c\.r2\.on' takes 100 µs: its period can't be 10 µs"
+        ):
             application.set_period("c.r2.on", 0.00001)
 
 
 def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c")], baton=baton)
-    with pytest.raises(MisuseError, match=r"'c\.r0\.machine' has neither an estimate nor a measured time: declare one"):
+    with pytest.raises(
+        MisuseError,
+        match=r"'c\.r0\.machine' has neither an estimate nor a measured time: declare one",
+    ):
         application.allocate(automatic)
     assert (application.policy, application.figures().is_schedulable) == ("one_for_all", None)
     with application.running():
@@ -385,7 +414,10 @@ def test_allocation_by_hand(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     machines = ["c.r0.machine", "c.r1.machine", "c.r2.machine"]
     application.allocate({"machines": machines, "rest": ["c.r2.on", "c.r1.on", "c.r0.on"]})
-    assert allocated(application) == {"rest": ["c.r2.on", "c.r1.on", "c.r0.on"], "machines": machines}
+    assert allocated(application) == {
+        "rest": ["c.r2.on", "c.r1.on", "c.r0.on"],
+        "machines": machines,
+    }
     application.set_priority("machines", 1)
     assert list(allocated(application)) == ["machines", "rest"]
     application.move("c.r0.on", "rest", 0)
@@ -403,9 +435,16 @@ def test_allocation_by_hand(baton: VirtualBaton) -> None:
         ("rest", 0, 0.001),
         ("fresh", 0, 0.002),
     ]
-    assert ([one.name for one in report.unallocated], report.policy) == (["c.r2.machine"], "by hand")
+    assert ([one.name for one in report.unallocated], report.policy) == (
+        ["c.r2.machine"],
+        "by hand",
+    )
     application.set_period("c.r0.on", 0.05)
-    assert [one.name for one in application.allocation().processors] == ["machines", "fresh", "rest"]
+    assert [one.name for one in application.allocation().processors] == [
+        "machines",
+        "fresh",
+        "rest",
+    ]
     application.add(Counter("d"))
     assert len(application.allocation().unallocated) == 7
     application.allocate(one_for_all)
@@ -429,13 +468,19 @@ def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
                 application.allocate({"first": order[:cut], "all": order[cut:]})
                 application.set_priority("all", data.draw(st.integers(-1, 1)))
         now = application.figures().running_for
-    periods = {one.name: one.period for each in application.allocation().processors for one in each.activities}
+    periods = {
+        one.name: one.period
+        for each in application.allocation().processors
+        for one in each.activities
+    }
     for one in application.figures().activities:
         assert one.overruns == 0
         assert now / periods[one.name] - 1 <= one.ticks <= now / periods[one.name] + 1
 
 
-def test_mistakes_are_refused_and_change_nothing(baton: VirtualBaton, approve: Callable[..., None]) -> None:
+def test_mistakes_are_refused_and_change_nothing(
+    baton: VirtualBaton, approve: Callable[..., None]
+) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     before = application.allocation()
 

@@ -1,4 +1,6 @@
-"""Central is killed, and is away for longer than anybody waits: it knows everything once it is back."""
+"""Central is killed, and is away for longer than anybody waits: it knows everything once it is
+back.
+"""
 
 import logging
 import threading
@@ -15,10 +17,16 @@ from tca_behaviours.activities.manager import ApplicationMessages, Manager
 from tca_behaviours.activities.page.live import LiveApplication, PageCommand
 from tca_module import Callback, CentralLost, Module, Variable, connect
 
-NAMES, POSITION, OTHER = ApplicationMessages("robot"), Variable("position of x", float), Variable("other", int)
+NAMES, POSITION, OTHER = (
+    ApplicationMessages("robot"),
+    Variable("position of x", float),
+    Variable("other", int),
+)
 
 
-def test_what_changes_while_central_is_away_is_told_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_changes_while_central_is_away_is_told_later(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     joint, baton, losses = Joint(), VirtualBaton(), threading.Semaphore(0)
     application = Application("robot", [joint], baton=baton)
     central = Central(tmp_path)

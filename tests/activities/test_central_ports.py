@@ -1,4 +1,6 @@
-"""What other programs send arrives at ports, and what is set at ports is sent, without a tick that waits for central."""
+"""What other programs send arrives at ports, and what is set at ports is sent, without a tick that
+waits for central.
+"""
 
 import pytest
 from activities.joint import Joint, Target
@@ -50,4 +52,6 @@ def test_a_joint_is_moved_from_elsewhere() -> None:
 def test_types_must_be_the_same() -> None:
     with LocalCentral() as central, pytest.raises(MisuseError) as error:
         receive(Module("robot", central), Inform("move x", float), Joint().target)  # type: ignore[misc]
-    assert str(error.value) == ("inform 'move x' has data of type float, and port x.target (Target): declare the same")
+    assert str(error.value) == (
+        "inform 'move x' has data of type float, and port x.target (Target): declare the same"
+    )

@@ -8,7 +8,13 @@ from typing import Any
 import pytest
 from activities.joint import Joint, Target
 
-from tca_behaviours.activities.components import Component, Region, RegionChange, connect, initialise
+from tca_behaviours.activities.components import (
+    Component,
+    Region,
+    RegionChange,
+    connect,
+    initialise,
+)
 from tca_module import MisuseError
 
 
@@ -140,7 +146,11 @@ def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
     changes.clear()
     ready(joint).target.put(Target(0.3))
     tick(joint, 20)
-    assert [change.target for change in changes if change.region == "movement"] == ["fast", "slow", "stopped"]
+    assert [change.target for change in changes if change.region == "movement"] == [
+        "fast",
+        "slow",
+        "stopped",
+    ]
 
 
 class Chain(Component[None]):
@@ -185,18 +195,27 @@ def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
     ]
 
 
-# --- ports ---------------------------------------------------------------------------------------------------------
+# --- ports ----------------------------------------------------------------------------------------
 
 
 def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
-    with pytest.raises(MisuseError, match=r"port x\.target \(Target\) does not take 0\.3, of type float"):
+    with pytest.raises(
+        MisuseError, match=r"port x\.target \(Target\) does not take 0\.3, of type float"
+    ):
         joint.target.put(0.3)  # type: ignore[arg-type]
-    with pytest.raises(MisuseError, match=r"port x\.position \(float\) does not take 'far', of type str"):
+    with pytest.raises(
+        MisuseError, match=r"port x\.position \(float\) does not take 'far', of type str"
+    ):
         joint.position.set("far")  # type: ignore[arg-type]
     joint.position.set(1)  # as in annotations
-    with pytest.raises(MisuseError, match=r"port x\.position \(float\) can't be connected with x\.target \(Target\)"):
+    with pytest.raises(
+        MisuseError,
+        match=r"port x\.position \(float\) can't be connected with x\.target \(Target\)",
+    ):
         connect(joint.position, joint.target)  # type: ignore[misc]
-    with pytest.raises(MisuseError, match=r"an output port is connected with an input port, not x\.target"):
+    with pytest.raises(
+        MisuseError, match=r"an output port is connected with an input port, not x\.target"
+    ):
         connect(joint.target, joint.target)  # type: ignore[arg-type]
 
 
@@ -236,11 +255,13 @@ def test_a_value_set_at_the_beginning_arrives() -> None:
             assert components[1].data == [1.5]
 
 
-# --- data ----------------------------------------------------------------------------------------------------------
+# --- data -----------------------------------------------------------------------------------------
 
 
 def test_data_are_for_activities_only(joint: Joint) -> None:
-    with pytest.raises(MisuseError, match="the data of Joint 'x' are for its own activities: use a port"):
+    with pytest.raises(
+        MisuseError, match="the data of Joint 'x' are for its own activities: use a port"
+    ):
         _ = joint.data
 
 
@@ -277,13 +298,14 @@ def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
         assert pair.data == {"left": 1200, "right": 1200}
 
 
-# --- what is refused -----------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 def test_an_activity_that_raises_leaves_the_component_usable(joint: Joint) -> None:
     joint.command.put("fly")
     with pytest.raises(
-        MisuseError, match="Joint 'x' has no event 'fly': there are disable, enable, move, reference, stop, switch"
+        MisuseError,
+        match="Joint 'x' has no event 'fly': there are disable, enable, move, reference, stop, switch",
     ):
         tick(joint)
     ready(joint)
@@ -303,7 +325,10 @@ def test_a_component_that_cannot_run_is_refused(approve: Callable[..., None]) ->
     def tell(case: str) -> str:
         bare = Bare()
         with pytest.raises(MisuseError) as error:
-            (eval(case, globals(), {"bare": bare, "only": bare.region("only", period=1.0)}), bare.activities())
+            (
+                eval(case, globals(), {"bare": bare, "only": bare.region("only", period=1.0)}),
+                bare.activities(),
+            )
         return str(error.value)
 
     approve("bad_components.txt", tell)

@@ -55,14 +55,20 @@ def town() -> Iterator[Town]:
     with LocalCentral(stepped=True) as central, connect("user", central) as user:
         module = Module("robot", central)
         controls = [Control("enable", "enable", group="joint")]
-        Manager(application, controls=controls, picture=lambda: f"<svg>{joint.position.value}</svg>").handle_in(module)
+        Manager(
+            application, controls=controls, picture=lambda: f"<svg>{joint.position.value}</svg>"
+        ).handle_in(module)
         with module.running():
             yield Town(central, user, joint, baton, application)
 
 
 def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
     entry = town.user.get_variable(NAMES.application)
-    assert (entry.name, entry.module, entry.policies) == ("robot", "robot", ["one_for_all", "one_each", "automatic"])
+    assert (entry.name, entry.module, entry.policies) == (
+        "robot",
+        "robot",
+        ["one_for_all", "one_each", "automatic"],
+    )
     (component,) = entry.components
     movement = component.regions[3]
     states = [(state.label, state.parent) for state in movement.states]
@@ -81,7 +87,9 @@ def test_every_transition_is_told(town: Town) -> None:
     town.central.advance(0.1)
     told = town.user.get_variable(NAMES.states)
     assert told.states["x.enabling"] == "disabled"
-    assert [(f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes] == [
+    assert [
+        (f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes
+    ] == [
         ("x.enabling", "disabled", "enabled", "enable"),
         ("x.enabling", "enabled", "disabled", "disable"),
     ]
@@ -91,7 +99,9 @@ def test_every_transition_is_told(town: Town) -> None:
 
 
 @pytest.mark.usefixtures("few_wait")
-def test_a_transition_is_told_that_is_made_while_others_are(town: Town, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_transition_is_told_that_is_made_while_others_are(
+    town: Town, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     set_variable = Callback.set_variable
 
@@ -119,11 +129,16 @@ def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
     late.command.put("enable")
     town.baton.run(0.1)
     town.central.advance(0.1)
-    assert [one.name for one in town.user.get_variable(NAMES.application).components] == ["x", "late"]
+    assert [one.name for one in town.user.get_variable(NAMES.application).components] == [
+        "x",
+        "late",
+    ]
     assert "late.movement.machine" in town.allocated()["all"]
     told = town.user.get_variable(NAMES.states)
     assert told.states["late.enabling"] == "enabled"
-    assert ("late", "enabling", "enable") in [(one.component, one.region, one.event) for one in told.changes]
+    assert ("late", "enabling", "enable") in [
+        (one.component, one.region, one.event) for one in told.changes
+    ]
 
 
 def test_commands_change_the_allocation(town: Town) -> None:
@@ -136,7 +151,10 @@ def test_commands_change_the_allocation(town: Town) -> None:
     assert town.allocated()["fast"] == ["x.movement.slow", "x.movement.fast"]
     town.carry_out(NAMES.move, ActivityMove("x.movement.fast", ""))
     report = town.user.get_variable(NAMES.allocation)
-    assert (report.policy, [one.name for one in report.unallocated]) == ("by hand", ["x.movement.fast"])
+    assert (report.policy, [one.name for one in report.unallocated]) == (
+        "by hand",
+        ["x.movement.fast"],
+    )
     town.carry_out(NAMES.set_priority, ProcessorPriority("fast", 3))
     town.carry_out(NAMES.set_period, ActivityPeriod("x.movement.slow", 0.5))
     first = town.user.get_variable(NAMES.allocation).processors[0]
@@ -150,9 +168,13 @@ def test_a_control_is_checked_when_it_is_made() -> None:
     assert str(refused.value).startswith(
         "control 'on': message must be a name, such as MESSAGE.name, not Command('lamp'"
     )
-    with pytest.raises(MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"):
+    with pytest.raises(
+        MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"
+    ):
         Control("on", "lamp", {"a": None})  # type: ignore[dict-item]
-    with pytest.raises(MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"):
+    with pytest.raises(
+        MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"
+    ):
         Control("on", "lamp", True)  # type: ignore[arg-type]
     with pytest.raises(MisuseError, match="control 'on': fields must be a list of ControlFields"):
         Control("on", "lamp", fields=["speed"])  # type: ignore[list-item]
@@ -171,7 +193,11 @@ def test_it_starts_stops_and_begins_anew(town: Town) -> None:
 @pytest.mark.parametrize(
     ("message", "data", "why"),
     [
-        (NAMES.set_policy, "best", "there is no policy 'best': there are one_for_all, one_each, automatic"),
+        (
+            NAMES.set_policy,
+            "best",
+            "there is no policy 'best': there are one_for_all, one_each, automatic",
+        ),
         (NAMES.allocate, {"all": []}, "x.port handler"),
         (NAMES.move, ActivityMove("z", "all"), "'z'"),
         (NAMES.set_period, ActivityPeriod("x.movement.fast", 0.0), "0"),

@@ -37,14 +37,19 @@ def said(*arguments: object) -> Result:
 
 def python(folder: Path, *code: str) -> str:
     done = subprocess.run(
-        [sys.executable, *code], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(HERE.parent.parent)}, timeout=60,
-    )  # fmt: skip
+        [sys.executable, *code],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(HERE.parent.parent)},
+        timeout=60,
+    )
     assert not done.returncode, done.stderr
     return done.stdout
 
 
-# --- bad models ----------------------------------------------------------------------------------------------------
+# --- bad models -----------------------------------------------------------------------------------
 
 
 def test_each_bad_model_has_its_line(tmp_path: Path, approve: Callable[..., None]) -> None:
@@ -76,7 +81,7 @@ def test_the_model_of_the_docs_is_good() -> None:
     assert list(model.instances) == ["x", "y", "panel"]
 
 
-# --- code ----------------------------------------------------------------------------------------------------------
+# --- code -----------------------------------------------------------------------------------------
 
 TRY = """
 from tca_behaviours.activities import Application, VirtualBaton
@@ -105,7 +110,8 @@ application.main()
 
 def test_what_is_generated_runs_at_once(model: Path) -> None:
     assert said(model).output.splitlines() == [
-        f"{model.parent}/{name}: written" for name in ("generated.py", "application.py", "joint.py", "panel.py")
+        f"{model.parent}/{name}: written"
+        for name in ("generated.py", "application.py", "joint.py", "panel.py")
     ]
     assert python(model.parent, "-c", TRY).splitlines() == [
         "('stopped',) True",
@@ -127,9 +133,9 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
         )
     )
     before = {file: file.read_bytes() for file in model.parent.glob("*.py")}
-    assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == ["as it was"] * 2 + [
-        "left alone"
-    ] * 2
+    assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == [
+        "as it was"
+    ] * 2 + ["left alone"] * 2
     assert {file: file.read_bytes() for file in model.parent.glob("*.py")} == before
 
     model.write_text(
@@ -150,15 +156,22 @@ def test_files_of_others_stay(model: Path) -> None:
     other.write_text("mine = 1\n")
     shown = said(model)
     assert (shown.exit_code, shown.output.partition(": ")[2]) == (
-        2, f"{other} exists already, and was not made by tca generate: rename it, or choose a folder with -o FOLDER\n",
-    )  # fmt: skip
+        2,
+        f"{other} exists already, and was not made by tca generate: rename it, or choose a folder with -o FOLDER\n",
+    )
     assert sorted(file.name for file in model.parent.iterdir()) == ["cleaning.toml", "generated.py"]
     folder = model.parent / "code"
     assert not said(model, "-o", folder).exit_code
     (folder / "joint.py").write_text("class Joint(:\n")
-    assert said(model, "-o", folder).output == f"Error: {folder}/joint.py, line 1: can't be read: invalid syntax\n"
+    assert (
+        said(model, "-o", folder).output
+        == f"Error: {folder}/joint.py, line 1: can't be read: invalid syntax\n"
+    )
     (folder / "joint.py").write_text("class Elbow: ...\n")
-    assert "joint.py: left alone; it has no class Joint, which is needed" in said(model, "-o", folder).output
+    assert (
+        "joint.py: left alone; it has no class Joint, which is needed"
+        in said(model, "-o", folder).output
+    )
 
 
 def test_a_package_imports_its_own_name(model: Path) -> None:
@@ -185,10 +198,19 @@ def test_its_style_is_that_of_formatters(model: Path) -> None:
     ruff = Path(sys.executable).parent / "ruff"
     for length in (88, 120):
         options = ["--isolated", f"--config=line-length={length}"]
-        done = subprocess.run([ruff, "format", "--check", *options, model.parent], capture_output=True, check=False)
+        done = subprocess.run(
+            [ruff, "format", "--check", *options, model.parent], capture_output=True, check=False
+        )
         assert not done.returncode, done.stderr
     checked = subprocess.run(
-        [ruff, "check", "--config", HERE.parent.parent / "pyproject.toml", "--ignore=INP001", model.parent],
+        [
+            ruff,
+            "check",
+            "--config",
+            HERE.parent.parent / "pyproject.toml",
+            "--ignore=INP001",
+            model.parent,
+        ],
         capture_output=True,
         text=True,
         check=False,
@@ -202,15 +224,17 @@ def test_its_types_are_right(model: Path) -> None:
     python(model.parent, "-m", "mypy", "--strict", ".")
 
 
-# --- pictures ------------------------------------------------------------------------------------------------------
+# --- pictures -------------------------------------------------------------------------------------
 
 
 def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
     """Between two states a stop and a loss of power are two ways, not one that needs both."""
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
-        "&#160;disable&#160;", "&#160;stop&#160;", "&#160;disable&#160;",
-    ]  # fmt: skip
+        "&#160;disable&#160;",
+        "&#160;stop&#160;",
+        "&#160;disable&#160;",
+    ]
 
 
 def test_a_model_is_drawn(model: Path) -> None:

@@ -1,4 +1,6 @@
-"""An application that runs, with threads, and is allocated anew all the time: from Python and by commands."""
+"""An application that runs, with threads, and is allocated anew all the time: from Python and by
+commands.
+"""
 
 import itertools
 import time
@@ -37,7 +39,9 @@ def test_no_tick_is_lost_or_doubled_by_any_allocation() -> None:
         before = time.monotonic()
         with module.running(), application.running():
             began = time.monotonic()
-            moves = itertools.cycle(itertools.product([f"c.{name}.on" for name in PERIODS], ["a", "b"]))
+            moves = itertools.cycle(
+                itertools.product([f"c.{name}.on" for name in PERIODS], ["a", "b"])
+            )
             for policy in itertools.islice(itertools.cycle(POLICIES), 12):
                 user.command(NAMES.set_policy, policy)
                 for activity, processor in itertools.islice(moves, 5):
@@ -50,7 +54,11 @@ def test_no_tick_is_lost_or_doubled_by_any_allocation() -> None:
                 assert time.monotonic() < ended + 60
                 time.sleep(0.01)
         after = time.monotonic()
-        sent = [entry for entry in central.transcript().splitlines() if "delivered: set policy of counters" in entry]
+        sent = [
+            entry
+            for entry in central.transcript().splitlines()
+            if "delivered: set policy of counters" in entry
+        ]
         assert len(sent) == 12
     figures = {one.name: one for one in application.figures().activities}
     for name, period in PERIODS.items():

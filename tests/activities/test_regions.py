@@ -47,10 +47,14 @@ def written(chart: Drawn, flags: set[str], log: list[str]) -> Region:
     states: list[RegionState] = []
     for number, parent in enumerate(chart.parents):
         around: Region | RegionState = region if parent < 0 else states[parent]
-        state = around.state(f"s{number}", entry=_logged(log, f"+s{number}"), exit=_logged(log, f"-s{number}"))
+        state = around.state(
+            f"s{number}", entry=_logged(log, f"+s{number}"), exit=_logged(log, f"-s{number}")
+        )
         states.append(state)
     for arrow in chart.arrows:
-        states[arrow.source].to(states[arrow.target], on=arrow.event, when=guard_of(arrow.guard, flags))
+        states[arrow.source].to(
+            states[arrow.target], on=arrow.event, when=guard_of(arrow.guard, flags)
+        )
     return region
 
 
@@ -60,15 +64,22 @@ def _logged(log: list[str], text: str) -> Callable[[], None]:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @settings(max_examples=40)
-@given(drawn(), st.lists(st.tuples(st.sampled_from(EVENTS), st.sets(st.sampled_from(GUARDS[1:]))), max_size=8))
-def test_a_region_agrees_with_the_statechart_library(chart: Drawn, events: list[tuple[str, set[str]]]) -> None:
+@given(
+    drawn(),
+    st.lists(st.tuples(st.sampled_from(EVENTS), st.sets(st.sampled_from(GUARDS[1:]))), max_size=8),
+)
+def test_a_region_agrees_with_the_statechart_library(
+    chart: Drawn, events: list[tuple[str, set[str]]]
+) -> None:
     flags: set[str] = set()
     ours: list[str] = []
     theirs: list[str] = []
     region = written(chart, flags, ours)
     region.reset()
     region.enter_first()
-    oracle = LibraryInterpreter[RegionState, RegionTransition](list(written(chart, flags, theirs).root.all())[1:])
+    oracle = LibraryInterpreter[RegionState, RegionTransition](
+        list(written(chart, flags, theirs).root.all())[1:]
+    )
     oracle.begin()
     for event, true in [("", set[str]()), *events]:
         flags.clear()

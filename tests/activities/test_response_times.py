@@ -39,7 +39,9 @@ def processors(draw: st.DrawFn) -> Processors:
 
 
 def preemptive_responses(processors: Processors) -> list[float]:
-    """The longest response time of each processor, where the highest one with work to do always has the core."""
+    """The longest response time of each processor, where the highest one with work to do always has
+    the core.
+    """
     releases = sorted(
         (float(turn * one.period), number, one.cost)
         for number, each in enumerate(processors)
@@ -72,7 +74,9 @@ def preemptive_responses(processors: Processors) -> list[float]:
 @given(processors())
 def test_bounds_are_exact_where_processors_preempt_each_other(processors: Processors) -> None:
     bounds = response_bounds(processors, preemptive=True)
-    for each, bound, longest in zip(processors, bounds, preemptive_responses(processors), strict=True):
+    for each, bound, longest in zip(
+        processors, bounds, preemptive_responses(processors), strict=True
+    ):
         if bound is None:
             assert longest > period(each)
         else:
@@ -80,7 +84,9 @@ def test_bounds_are_exact_where_processors_preempt_each_other(processors: Proces
 
 
 @given(processors(), st.lists(st.integers(0, 24_000), min_size=6, max_size=6))
-def test_bounds_are_safe_where_they_are_switched_between_activities(processors: Processors, offsets: list[int]) -> None:
+def test_bounds_are_safe_where_they_are_switched_between_activities(
+    processors: Processors, offsets: list[int]
+) -> None:
     """And whenever each activity begins."""
     baton = in_virtual_time(processors)
     for activity, offset in zip(baton.schedule.activities.values(), offsets, strict=False):
@@ -91,7 +97,9 @@ def test_bounds_are_safe_where_they_are_switched_between_activities(processors: 
     for one, bound in zip(baton.schedule.processors, bounds, strict=True):
         assert bound is None or (one.overruns == 0 and one.times.response <= bound <= one.period)
     if None not in bounds:
-        assert [one.release.missed for one in baton.schedule.activities.values() if one.release.missed] == []
+        assert [
+            one.release.missed for one in baton.schedule.activities.values() if one.release.missed
+        ] == []
 
 
 @given(task_sets())
@@ -120,11 +128,23 @@ def test_the_classical_bounds_are_safe(activities: list[Demand]) -> None:
 
 
 def test_policies() -> None:
-    activities = [Demand("slow", 0.1, 0.03), Demand("fast", 0.01, 0.002), Demand("fair", 0.02, 0.001)]
+    activities = [
+        Demand("slow", 0.1, 0.03),
+        Demand("fast", 0.01, 0.002),
+        Demand("fair", 0.02, 0.001),
+    ]
     assert one_for_all(activities) == {"all": ["slow", "fast", "fair"]}
     assert one_each(activities) == {"slow": ["slow"], "fast": ["fast"], "fair": ["fair"]}
     # a tick of 30 ms is too long for the others, wherever it is
-    assert automatic(activities) == {"processor 1": ["fast"], "processor 2": ["fair"], "processor 3": ["slow"]}
-    assert response_bounds([[activities[1]], [activities[2]], [activities[0]]]) == [None, None, pytest.approx(0.04)]
+    assert automatic(activities) == {
+        "processor 1": ["fast"],
+        "processor 2": ["fair"],
+        "processor 3": ["slow"],
+    }
+    assert response_bounds([[activities[1]], [activities[2]], [activities[0]]]) == [
+        None,
+        None,
+        pytest.approx(0.04),
+    ]
     short = [Demand("slow", 0.1, 0.009), *activities[1:]]
     assert automatic(short) == {"processor 1": ["fast"], "processor 2": ["fair", "slow"]}

@@ -42,12 +42,16 @@ class Made:
 
 
 @given(st.lists(st.sampled_from(PERIODS), min_size=1, max_size=5), st.data())
-def test_no_tick_is_lost_or_doubled_when_activities_move(periods: list[float], data: st.DataObject) -> None:
+def test_no_tick_is_lost_or_doubled_when_activities_move(
+    periods: list[float], data: st.DataObject
+) -> None:
     made = Made(periods)
     for _ in range(12):
         made.baton.run(data.draw(st.integers(1, 5000)))
         to = data.draw(st.sampled_from(["p0", "p1", "p2"]))
-        made.move(data.draw(st.sampled_from(made.names)), to, data.draw(st.sampled_from([None, 0, 1])))
+        made.move(
+            data.draw(st.sampled_from(made.names)), to, data.draw(st.sampled_from([None, 0, 1]))
+        )
         with made.baton.changing() as schedule:
             data.draw(st.sampled_from(schedule.processors)).priority = data.draw(st.integers(0, 2))
     now = made.baton.clock()
@@ -74,13 +78,18 @@ def test_a_new_period_counts_from_the_tick_before(data: st.DataObject) -> None:
     for before, after in pairwise(ticks):
         seconds = [each for at, each in in_force if before < at <= after]
         seconds.append(next(each for at, each in reversed(in_force) if at <= before))
-        assert min(seconds) - 20 <= after - before <= max(seconds) + 20  # other ticks may be in the way for as long
+        assert (
+            min(seconds) - 20 <= after - before <= max(seconds) + 20
+        )  # other ticks may be in the way for as long
     assert [at // (3 * UNIT) for at in made.ticks("a1")] == list(range(len(made.ticks("a1"))))
 
 
 @given(st.lists(task_sets(), min_size=1, max_size=3))
 def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
-    processors = [[Demand(f"{number}.{one.name}", *one[1:]) for one in demands] for number, demands in enumerate(sets)]
+    processors = [
+        [Demand(f"{number}.{one.name}", *one[1:]) for one in demands]
+        for number, demands in enumerate(sets)
+    ]
     baton = in_virtual_time(processors)
     schedule, now = baton.schedule, 0.0
     for _ in range(200):
@@ -89,7 +98,12 @@ def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
         now = max(now, turn.at)
         one = schedule.begin(turn.processor, now)
         higher = schedule.processors[: schedule.processors.index(turn.processor)]
-        assert not [each.name for processor in higher for each in processor.activities if each.release.due <= now]
+        assert not [
+            each.name
+            for processor in higher
+            for each in processor.activities
+            if each.release.due <= now
+        ]
         assert one.release.due <= now
         now += one.cost or 0.0
         schedule.end(now)
@@ -110,7 +124,10 @@ def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
     made.baton.run(6 * UNIT)
     assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
     made.baton.run(1 * UNIT)
-    assert made.log[3:] == [("a0", 6 * UNIT + 10), ("a0", 6 * UNIT + 20)]  # due at 2 and 6; that at 4 is left out
+    assert made.log[3:] == [
+        ("a0", 6 * UNIT + 10),
+        ("a0", 6 * UNIT + 20),
+    ]  # due at 2 and 6; that at 4 is left out
 
 
 def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:

@@ -62,7 +62,9 @@ def take_step(robot: Robot, arc: Arc, known: ElevationMap | None) -> StepReport:
     return StepReport(step, footfall, margin, ground)
 
 
-def take_steps(robot: Robot, arc: Arc, count: int, known: ElevationMap | None = None) -> list[StepReport]:
+def take_steps(
+    robot: Robot, arc: Arc, count: int, known: ElevationMap | None = None
+) -> list[StepReport]:
     reports: list[StepReport] = []
     for _ in range(count):
         reports.append(take_step(robot, arc, known))

@@ -44,8 +44,12 @@ def test_from_near_the_edge_only_a_move_away_from_it_is_stable() -> None:
     near_the_edge = a_stance()
     near_the_edge = replace(near_the_edge, pose=replace(near_the_edge.pose, x=1.3))
     assert is_stable(margins_of_body_move(near_the_edge, BodyMove(Pose(0.0, 0.0, 0.0, 2.7), 2.0)))
-    assert not is_stable(margins_of_body_move(near_the_edge, BodyMove(Pose(1.4, 0.0, 0.0, 2.7), 2.0)))
-    assert not is_stable(margins_of_body_move(near_the_edge, BodyMove(Pose(1.2, 0.0, 0.0, 2.7), 2.0)))
+    assert not is_stable(
+        margins_of_body_move(near_the_edge, BodyMove(Pose(1.4, 0.0, 0.0, 2.7), 2.0))
+    )
+    assert not is_stable(
+        margins_of_body_move(near_the_edge, BodyMove(Pose(1.2, 0.0, 0.0, 2.7), 2.0))
+    )
 
 
 def test_lifting_a_leg_on_which_the_robot_stands_is_not_stable() -> None:
@@ -54,7 +58,9 @@ def test_lifting_a_leg_on_which_the_robot_stands_is_not_stable() -> None:
     assert not is_stable(margins)
 
 
-@pytest.mark.parametrize("worse", [Margins(0.2, 0.3, 0.1), Margins(0.6, -0.3, 0.1), Margins(0.6, 0.3, 0.01)])
+@pytest.mark.parametrize(
+    "worse", [Margins(0.2, 0.3, 0.1), Margins(0.6, -0.3, 0.1), Margins(0.6, 0.3, 0.01)]
+)
 def test_each_margin_counts(worse: Margins) -> None:
     assert not is_stable(worse)
     assert is_stable(Margins(0.6, 0.3, 0.1))
@@ -69,7 +75,9 @@ def test_each_margin_counts(worse: Margins) -> None:
         ((0.0, 0.0, -0.4), 4000.0, "leg 2 stands 0.40 m below its foothold"),
     ],
 )
-def test_what_is_wrong_with_a_footfall_is_said(shift: tuple[float, float, float], load: float, fault: str) -> None:
+def test_what_is_wrong_with_a_footfall_is_said(
+    shift: tuple[float, float, float], load: float, fault: str
+) -> None:
     planned = LEG_MOVE.foothold
     foot = Foot(planned.leg, planned.x + shift[0], planned.y + shift[1], planned.z + shift[2])
     loads = tuple(load if leg == planned.leg else 4000.0 for leg in range(6))

@@ -20,7 +20,10 @@ from tca_module import FailureRaised
 
 BACKENDS = [
     "kinematic",
-    pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")),
+    pytest.param(
+        "pybullet",
+        marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed"),
+    ),
 ]
 IN_THE_WAY = Rock(1.1, 1.85, 0.25, 0.7)
 ON_THE_FOOTHOLD = Rock(1.4, 2.2, 0.25, 0.3)
@@ -43,14 +46,18 @@ def contact_of(robot: Robot, move: LegMove | BodyMove) -> Contact:
     return contact
 
 
-def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_higher(backend: Backend) -> None:
+def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_higher(
+    backend: Backend,
+) -> None:
     robot = a_robot(backend, IN_THE_WAY)
     before, move = robot.stance(), the_first_leg_move(robot)
     contact = contact_of(robot, move)
     after = robot.stance()
     foot = after.feet[move.leg]
     assert contact.leg == move.leg == 2
-    assert math.dist((contact.x, contact.y), (IN_THE_WAY.x, IN_THE_WAY.y)) == pytest.approx(0.37, abs=0.06)
+    assert math.dist((contact.x, contact.y), (IN_THE_WAY.x, IN_THE_WAY.y)) == pytest.approx(
+        0.37, abs=0.06
+    )
     assert contact.z == pytest.approx(move.lift, abs=0.05)
     assert contact.force > 800
     assert math.dist((contact.x, contact.y), (foot.x, foot.y)) == pytest.approx(BACK_OFF, abs=0.06)
@@ -60,7 +67,9 @@ def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_high
     assert after.last_leg == before.last_leg
     footfall = robot.move_leg(replace(move, lift=contact.z + 0.4))
     assert footfall.reached
-    assert (footfall.foot.x, footfall.foot.y) == pytest.approx((move.foothold.x, move.foothold.y), abs=0.05)
+    assert (footfall.foot.x, footfall.foot.y) == pytest.approx(
+        (move.foothold.x, move.foothold.y), abs=0.05
+    )
     robot.close()
 
 
@@ -76,18 +85,25 @@ def test_a_rock_on_the_foothold_is_felt_before_the_foot_is_set_down(backend: Bac
 
 def test_the_scanner_does_not_see_rocks(backend: Backend) -> None:
     with_rocks, without = a_robot(backend, IN_THE_WAY, ON_THE_FOOTHOLD), a_robot(backend)
-    assert np.allclose(with_rocks.scan(), without.scan(), atol=1e-3)  # physics does not stand quite still
+    assert np.allclose(
+        with_rocks.scan(), without.scan(), atol=1e-3
+    )  # physics does not stand quite still
 
 
 def test_rocks_are_in_the_picture(tmp_path: Path) -> None:
     with_rocks, without = a_robot("kinematic", IN_THE_WAY), a_robot("kinematic")
     drawn = with_rocks.picture(tmp_path / "with").read_text().count('class="rock"')
-    assert (drawn, without.picture(tmp_path / "without").read_text().count('class="rock"')) == (2, 0)
+    assert (drawn, without.picture(tmp_path / "without").read_text().count('class="rock"')) == (
+        2,
+        0,
+    )
 
 
 def test_scattered_rocks_are_the_same_for_the_same_seed_and_lie_along_the_path() -> None:
     rocks = scattered_rocks(4, 5, 10.0, (0.6, 0.8))
-    assert rocks == scattered_rocks(4, 5, 10.0, (0.6, 0.8)) != scattered_rocks(5, 5, 10.0, (0.6, 0.8))
+    assert (
+        rocks == scattered_rocks(4, 5, 10.0, (0.6, 0.8)) != scattered_rocks(5, 5, 10.0, (0.6, 0.8))
+    )
     assert [int(rock.x / 2.0) for rock in rocks] == [0, 1, 2, 3, 4]
     assert all(0.6 <= rock.height <= 0.8 and 1.2 <= abs(rock.y) <= 1.7 for rock in rocks)
 
@@ -106,5 +122,7 @@ def test_a_body_that_meets_a_rock_goes_back_and_stands(backend: Backend) -> None
 def test_a_leg_feels_with_its_beams_too(backend: Backend) -> None:
     robot = a_robot(backend, Rock(0.9, 0.6, 0.1, 6.0))
     foot = robot.stance().feet[2]
-    move = LegMove(2, replace(foot, x=1.3, y=2.3, z=robot.terrain.height(1.3, 2.3)), foot.z + 0.6, 1.6, 1)
+    move = LegMove(
+        2, replace(foot, x=1.3, y=2.3, z=robot.terrain.height(1.3, 2.3)), foot.z + 0.6, 1.6, 1
+    )
     assert contact_of(robot, move).force > 800

@@ -1,4 +1,6 @@
-"""The picture of the robot that others see: how often it is drawn, and that the walk does not depend on it."""
+"""The picture of the robot that others see: how often it is drawn, and that the walk does not
+depend on it.
+"""
 
 from typing import Any
 
@@ -47,7 +49,9 @@ def test_footsteps_are_drawn_at_most_once_a_period() -> None:
     assert sender.values == [robot.drawing()] * 2
 
 
-@pytest.mark.parametrize(("ours", "of_robot", "drawn"), [(1.0, 0.5, 1), (0.5, 1.0, 1), (1.0, 1.0, 2)])
+@pytest.mark.parametrize(
+    ("ours", "of_robot", "drawn"), [(1.0, 0.5, 1), (0.5, 1.0, 1), (1.0, 1.0, 2)]
+)
 def test_moves_are_drawn_when_time_has_passed_for_the_robot_and_for_us(
     ours: float, of_robot: float, drawn: int
 ) -> None:
@@ -71,8 +75,13 @@ def test_a_move_goes_on_without_central() -> None:
 
 
 @pytest.mark.soak
-def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different_on_its_way() -> None:
-    quick, graphical = make_robot("kinematic", terrain=HILLS), make_robot("graphical", terrain=HILLS)
+def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different_on_its_way() -> (
+    None
+):
+    quick, graphical = (
+        make_robot("kinematic", terrain=HILLS),
+        make_robot("graphical", terrain=HILLS),
+    )
     assert graphical.backend == "graphical"
     pictures = [graphical.drawing()]
 

@@ -41,7 +41,9 @@ def test_ground_does_not_give_way_under_two_feet_at_once_that_are_needed() -> No
     joints = np.array(state.posture.joints)
     feet = feet_of(joints)
     feet[1] = feet[0] - (HOLE_RADIUS / 2, 0.0, 0.0)
-    beside = replace(state.posture, joints=tuple(map(tuple, joints_of(feet, near=joints[:, 0]).tolist())))
+    beside = replace(
+        state.posture, joints=tuple(map(tuple, joints_of(feet, near=joints[:, 0]).tolist()))
+    )
     robot = make_robot("kinematic", state=replace(state, posture=beside))
     robot.inject(Fault("soft spot", leg=0))
     pose = robot.stance().pose

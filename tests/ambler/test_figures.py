@@ -23,7 +23,9 @@ STEPS = [10.0 * number for number in range(1, 31)]
         ([299.0], [], 0),
     ],
 )
-def test_a_fault_is_recovered_by_what_follows_soon(faults: list[float], recoveries: list[float], count: int) -> None:
+def test_a_fault_is_recovered_by_what_follows_soon(
+    faults: list[float], recoveries: list[float], count: int
+) -> None:
     assert recovered(faults, recoveries, STEPS) == count
 
 

@@ -26,7 +26,9 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
     return robot
 
 
-def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(robot: Robot, tmp_path: Path) -> None:
+def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(
+    robot: Robot, tmp_path: Path
+) -> None:
     camera = FilmCamera(robot, tmp_path / "frames", first=2)
     robot.time = 5.0
     camera.tick()
@@ -36,7 +38,11 @@ def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(robot: Robo
         camera.tick()
         robot.time += EVERY / 2
     frames = sorted((tmp_path / "frames").iterdir())
-    assert [frame.name for frame in frames] == ["0000005000.png", "0000005250.png", "0000005500.png"]
+    assert [frame.name for frame in frames] == [
+        "0000005000.png",
+        "0000005250.png",
+        "0000005500.png",
+    ]
     assert frames[0].read_text() == f"{SIZE}"
 
 

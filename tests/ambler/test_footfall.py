@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 from robots.ambler_sim.errors import NoFootfall
 from robots.ambler_sim.geometry import AMBLER, Array, circulating_angle, leg_joints
 from robots.ambler_sim.machine.terrain import Terrain
-from robots.ambler_sim.planning.footfall import LEG_SPACING, SEARCH_RADIUS, candidates, choose_foothold
+from robots.ambler_sim.planning.footfall import (
+    LEG_SPACING,
+    SEARCH_RADIUS,
+    candidates,
+    choose_foothold,
+)
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 
@@ -46,7 +51,9 @@ def test_a_ledge_beside_a_steep_slope_is_preferred() -> None:
 
 def test_broken_ground_all_around_gives_no_footfall_and_says_why() -> None:
     spikes = np.random.default_rng(1)
-    with pytest.raises(NoFootfall, match=r"no foothold for leg 2 .* of 7\d cells unsound 7\d, out of reach"):
+    with pytest.raises(
+        NoFootfall, match=r"no foothold for leg 2 .* of 7\d cells unsound 7\d, out of reach"
+    ):
         choose_foothold(a_map(lambda x, y: spikes.uniform(0, 2.0, x.shape) + 0 * y), a_step())
 
 
@@ -71,7 +78,9 @@ def test_a_plane_is_recognised_as_one() -> None:
 
 @settings(max_examples=30)
 @given(st.integers(0, 999), st.floats(0.05, 0.3), st.floats(-0.1, 0.1))
-def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(seed: int, slope: float, curvature: float) -> None:
+def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(
+    seed: int, slope: float, curvature: float
+) -> None:
     terrain = Terrain(TerrainSpec(seed, slope))
     ground = a_map(lambda x, y: terrain.heights_at(x, y) - terrain.height(0.0, 0.0))
     step = a_step(curvature)
@@ -87,7 +96,11 @@ def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(seed: int, slo
 def test_a_foot_is_not_put_where_another_one_stands() -> None:
     step = a_step()
     x, y = step.ideal.x, step.ideal.y - 0.1
-    standing = replace(step.before, feet=(replace(step.before.feet[0], x=x, y=y), *step.before.feet[1:]))
+    standing = replace(
+        step.before, feet=(replace(step.before.feet[0], x=x, y=y), *step.before.feet[1:])
+    )
     foot = choose_foothold(a_map(), replace(step, before=standing))
     assert math.dist((foot.x, foot.y), (x, y)) >= LEG_SPACING
-    assert circulating_angle(standing.pose, foot) < circulating_angle(standing.pose, standing.feet[0])
+    assert circulating_angle(standing.pose, foot) < circulating_angle(
+        standing.pose, standing.feet[0]
+    )

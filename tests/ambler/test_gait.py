@@ -46,7 +46,9 @@ def test_the_rear_most_leg_goes_first_and_sides_alternate() -> None:
 
 @given(curvatures)
 @settings(max_examples=20)
-def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stays(curvature: float) -> None:
+def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stays(
+    curvature: float,
+) -> None:
     steps = planned_steps(an_arc(curvature, 9.0), 18)
     for six in (steps[i : i + 6] for i in range(12)):
         assert {step.leg for step in six} == set(LEGS)
@@ -86,7 +88,9 @@ def test_the_next_step_brings_the_body_back_onto_the_arc() -> None:
 
 
 @given(poses, curvatures, st.floats(0.0, 70.0))
-def test_progress_measures_the_way_to_a_pose_on_the_arc(start: Pose, curvature: float, distance: float) -> None:
+def test_progress_measures_the_way_to_a_pose_on_the_arc(
+    start: Pose, curvature: float, distance: float
+) -> None:
     arc = Arc(start, curvature, 80.0)
     assert progress(arc, pose_on(arc, distance)) == pytest.approx(distance, abs=1e-4)
     assert remaining(arc, pose_on(arc, distance)) == pytest.approx(80.0 - distance, abs=1e-4)
@@ -135,6 +139,8 @@ def test_too_far_a_move_is_refused_naming_the_leg() -> None:
 
 def test_a_move_to_the_edge_of_the_support_is_refused() -> None:
     stance = a_stance()
-    gathered = replace(stance, feet=tuple(replace(foot, x=foot.x / 2 - 0.8) for foot in stance.feet))
+    gathered = replace(
+        stance, feet=tuple(replace(foot, x=foot.x / 2 - 0.8) for foot in stance.feet)
+    )
     with pytest.raises(UnstableMove, match="from tipping"):
         plan_shift(gathered, ORIGIN)

@@ -31,11 +31,15 @@ drops = st.floats(AMBLER.min_drop, AMBLER.max_drop)
 
 @given(poses, st.lists(st.tuples(angles, reaches, drops), min_size=6, max_size=6))
 @settings(max_examples=30)
-def test_all_legs_at_once_agree_with_one_at_a_time(pose: Pose, rows: list[tuple[float, float, float]]) -> None:
+def test_all_legs_at_once_agree_with_one_at_a_time(
+    pose: Pose, rows: list[tuple[float, float, float]]
+) -> None:
     joints = np.array(rows)
     feet = to_world(pose, feet_of(joints))
     again = joints_of(to_body(pose, feet), near=joints[:, 0])
-    one_by_one = [leg_joints(pose, Foot(leg, *map(float, feet[leg])), near=rows[leg][0]) for leg in LEGS]
+    one_by_one = [
+        leg_joints(pose, Foot(leg, *map(float, feet[leg])), near=rows[leg][0]) for leg in LEGS
+    ]
     np.testing.assert_allclose(again, joints, atol=1e-6)
     np.testing.assert_allclose(one_by_one, joints, atol=1e-6)
 

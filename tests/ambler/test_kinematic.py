@@ -31,7 +31,9 @@ def test_the_feet_bear_the_weight_and_hold_its_moments() -> None:
     plant = a_plant()
     plant.drive(lengthened(plant, 0.02, 0, 0.01, -0.01, 0, 0), np.zeros((6, 3)))
     loads, joints = plant.loads(), plant.joints()
-    feet = np.stack([joints[:, 1] * np.cos(joints[:, 0]), joints[:, 1] * np.sin(joints[:, 0])], axis=1)
+    feet = np.stack(
+        [joints[:, 1] * np.cos(joints[:, 0]), joints[:, 1] * np.sin(joints[:, 0])], axis=1
+    )
     feet[:, 1] += [1, 1, 1, -1, -1, -1]
     assert loads.sum() == pytest.approx(WEIGHT)
     assert loads @ feet / WEIGHT == pytest.approx(centre_of_gravity(joints)[:2], abs=1e-6)
@@ -84,7 +86,9 @@ def test_feet_that_strain_against_each_other_do_not_walk_away() -> None:
         joints[leg, 0] += turn
         plant.drive(joints, np.zeros((6, 3)))
     pose = plant.attitude().pose
-    assert (pose.x, pose.y, pose.heading) == pytest.approx((start.x, start.y, start.heading), abs=1e-9)
+    assert (pose.x, pose.y, pose.heading) == pytest.approx(
+        (start.x, start.y, start.heading), abs=1e-9
+    )
 
 
 def test_longer_left_legs_roll_the_body_to_the_right() -> None:

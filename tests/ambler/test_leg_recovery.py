@@ -12,14 +12,22 @@ from hypothesis import strategies as st
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
 from robots.ambler_sim.geometry import Array, feet_of, leg_joints, to_world
 from robots.ambler_sim.machine.motion import GUARD, SPEEDS, leg_segments
-from robots.ambler_sim.planning.leg_recovery import CLEARANCE, plan_leg_move, plan_swing, rotation, swing_path
+from robots.ambler_sim.planning.leg_recovery import (
+    CLEARANCE,
+    plan_leg_move,
+    plan_swing,
+    rotation,
+    swing_path,
+)
 from robots.ambler_sim.vocabulary import Foot, LegMove, Step
 
 angles = st.floats(-10.0, 10.0)
 
 
 @given(angles, angles, st.sampled_from((-1, 0, 1)))
-def test_rotation_ends_in_the_right_direction_and_keeps_its_sense(start: float, end: float, sense: int) -> None:
+def test_rotation_ends_in_the_right_direction_and_keeps_its_sense(
+    start: float, end: float, sense: int
+) -> None:
     turn = rotation(start, end, sense)
     assert math.remainder(start + turn - end, math.tau) == pytest.approx(0.0, abs=1e-9)
     assert turn * sense >= 0
@@ -46,7 +54,9 @@ def a_wall(x: Array, y: Array) -> Array:
 def test_an_obstacle_on_the_way_lifts_the_foot_higher_and_one_beside_it_does_not() -> None:
     step = a_step()
     assert plan_leg_move(a_map(a_wall), step, step.ideal).lift == pytest.approx(1.0 + CLEARANCE)
-    assert plan_leg_move(a_map(lambda x, y: a_wall(x, y - 1.5)), step, step.ideal).lift == pytest.approx(CLEARANCE)
+    assert plan_leg_move(
+        a_map(lambda x, y: a_wall(x, y - 1.5)), step, step.ideal
+    ).lift == pytest.approx(CLEARANCE)
 
 
 def test_a_wall_higher_than_the_leg_can_be_lifted_blocks_the_way() -> None:
@@ -64,7 +74,9 @@ def test_the_path_of_a_recovery_passes_between_the_shafts() -> None:
     move = plan_leg_move(a_map(), a_step(), a_step().ideal)
     start = leg_joints(ORIGIN, a_stance().feet[2])
     end = leg_joints(ORIGIN, move.foothold)
-    path = swing_path(ORIGIN, 2, start[:2], (start[0] + rotation(start[0], end[0], 1), end[1]), move.radius)
+    path = swing_path(
+        ORIGIN, 2, start[:2], (start[0] + rotation(start[0], end[0], 1), end[1]), move.radius
+    )
     assert path[0] == pytest.approx((-1.5, 2.3))
     assert path[-1] == pytest.approx((1.5, 2.3))
     assert path[:, 1].min() == pytest.approx(1.0 - 1.15, abs=0.01)
@@ -84,7 +96,9 @@ def test_segments_join_lift_first_and_end_above_the_foothold() -> None:
 
 def test_no_joint_is_ever_faster_than_it_can_be() -> None:
     stance, move = a_stance(), plan_leg_move(a_map(flat), a_step(), a_step().ideal)
-    for segment in leg_segments(move, stance.pose, np.array(leg_joints(stance.pose, stance.feet[2]))):
+    for segment in leg_segments(
+        move, stance.pose, np.array(leg_joints(stance.pose, stance.feet[2]))
+    ):
         joints = np.array([segment.at(share) for share in np.linspace(0, 1, 101)])
         rates = np.abs(np.diff(joints, axis=0)) / (segment.duration / 100)
         assert (rates <= SPEEDS * 1.001).all()

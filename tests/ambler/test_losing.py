@@ -16,6 +16,8 @@ def test_a_planner_that_was_halted_is_back_though_central_does_not_answer(tmp_pa
         halted = programs.start("footfall planner", "sleep", "60")
         programs.halt("footfall planner")
         with pytest.raises(TcaError):
-            ProgramKiller(programs, f"ipc://{tmp_path}/nobody.sock")._kill_when_asked("footfall planner")
+            ProgramKiller(programs, f"ipc://{tmp_path}/nobody.sock")._kill_when_asked(
+                "footfall planner"
+            )
         assert programs.numbers()["footfall planner"] != halted
         assert not guard.is_alive(halted)

@@ -45,7 +45,9 @@ def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None
     "backend",
     [
         "kinematic",
-        pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="no PyBullet")),
+        pytest.param(
+            "pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="no PyBullet")
+        ),
     ],
 )
 def test_a_leg_that_is_put_down_into_a_hole_does_not_lift_the_robot(backend: Backend) -> None:

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.making import make_robot
-from robots.ambler_sim.planning.elevation import build_elevation_map, height_at, heights_of, known_cells
+from robots.ambler_sim.planning.elevation import (
+    build_elevation_map,
+    height_at,
+    heights_of,
+    known_cells,
+)
 from robots.ambler_sim.vocabulary import BodyMove, Pose, TerrainSpec
 
 NO_POINTS = np.empty((0, 3))
@@ -58,7 +63,9 @@ def test_filled_ground_is_not_remembered_as_measured() -> None:
 
 @settings(max_examples=20)
 @given(st.lists(st.tuples(st.floats(-3, 6), st.floats(-4, 4), st.floats(-1, 1)), max_size=40))
-def test_a_map_never_leaves_the_range_of_what_was_measured(rows: list[tuple[float, float, float]]) -> None:
+def test_a_map_never_leaves_the_range_of_what_was_measured(
+    rows: list[tuple[float, float, float]],
+) -> None:
     points = np.array(rows).reshape(-1, 3)
     heights = heights_of(build_elevation_map(points, a_stance()))
     lowest, highest = min([0.0, *points[:, 2]]), max([0.0, *points[:, 2]])
@@ -70,7 +77,10 @@ def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=2, slope=0.3))
     ground = build_elevation_map(robot.scan(), robot.stance())
     heights, known = heights_of(ground), known_cells(ground)
-    x, y = ground.x + 0.1 * np.indices(heights.shape)[0], ground.y + 0.1 * np.indices(heights.shape)[1]
+    x, y = (
+        ground.x + 0.1 * np.indices(heights.shape)[0],
+        ground.y + 0.1 * np.indices(heights.shape)[1],
+    )
     near = known & (x > 1.0) & (x < 4.0) & (np.abs(y) < 3.0)
     errors = heights[near] - robot.terrain.heights_at(x[near], y[near])
     assert near.sum() > 700
@@ -79,7 +89,9 @@ def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
 
 @pytest.mark.soak
 def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
-    robot = make_robot("kinematic", terrain=TerrainSpec(seed=2, slope=0.3), start=Pose(30.0, 0.0, 0.0, 0.0))
+    robot = make_robot(
+        "kinematic", terrain=TerrainSpec(seed=2, slope=0.3), start=Pose(30.0, 0.0, 0.0, 0.0)
+    )
     start = robot.stance().pose
     sharp: list[Array] = []
     blurred: list[Array] = []
@@ -91,7 +103,9 @@ def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
 
     def off(points: Array) -> float:
         points = points[-2000:]  # the last rows of the sweep
-        return float(np.abs(points[:, 2] - robot.terrain.heights_at(points[:, 0], points[:, 1])).mean())
+        return float(
+            np.abs(points[:, 2] - robot.terrain.heights_at(points[:, 0], points[:, 1])).mean()
+        )
 
     robot.move_body(BodyMove(goal, 2.0), look)
     middle = blurred[len(blurred) // 2]

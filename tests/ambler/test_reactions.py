@@ -1,4 +1,6 @@
-"""Checks and recoveries around the real modules, in one process: what sensors may say, and who knows of whom."""
+"""Checks and recoveries around the real modules, in one process: what sensors may say, and who
+knows of whom.
+"""
 
 import math
 import subprocess
@@ -68,8 +70,13 @@ def robot() -> Robot:
 def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
     """All modules of a walk."""
     walkers = (
-        gait_planner.planner, *PLANNERS.values(), scanner.scanner, mapper.mapper, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None),
-    )  # fmt: skip
+        gait_planner.planner,
+        *PLANNERS.values(),
+        scanner.scanner,
+        mapper.mapper,
+        controller.make_module(robot, None),
+        make_task_manager(lambda _: None, lambda _: None),
+    )
     for program in (gait_planner, scanner, mapper):
         monkeypatch.setattr(program, "memory", type(program.memory)())
     with LocalCentral(check=check_invariants) as local, ExitStack() as stack:
@@ -91,13 +98,23 @@ def sent(central: LocalCentral, name: str) -> list[Received]:
 
 def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries() -> None:
     code = f"import sys; from importlib import import_module; [*map(import_module, {WALKERS})]; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    added = ("recovery", "layers", "planning.checks", "planning.replanning", "modules.error_recovery")
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    added = (
+        "recovery",
+        "layers",
+        "planning.checks",
+        "planning.replanning",
+        "modules.error_recovery",
+    )
     assert set(WALKERS) <= set(done.stdout.split())
     assert not {f"robots.ambler_sim.{name}" for name in added} & set(done.stdout.split())
 
 
-def test_a_move_that_would_tip_the_robot_over_is_not_made(robot: Robot, user: Client, central: LocalCentral) -> None:
+def test_a_move_that_would_tip_the_robot_over_is_not_made(
+    robot: Robot, user: Client, central: LocalCentral
+) -> None:
     before = robot.stance()
     too_far = BodyMove(replace(before.pose, x=before.pose.x + 1.2), 2.0)
     with pytest.raises(TaskFailed) as failed:
@@ -121,7 +138,9 @@ def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCen
 def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A force sensor that says nothing once, after the move: who asks cannot know that the foot stands well."""
+    """A force sensor that says nothing once, after the move: who asks cannot know that the foot
+    stands well.
+    """
     truth, believed = robot.readings, iter([True, False])
 
     def readings() -> Readings:
@@ -131,10 +150,14 @@ def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     monkeypatch.setattr(robot, "readings", readings)
     user.goal(TRAVERSE_PATH, Path((Bend(0.0, 1.0),))).result(timeout=30)
     (replan,) = sent(central, REPLAN_MOVE.name)
-    moves = [(move.parent, MOVE_LEG.decode_data(move.body)) for move in sent(central, MOVE_LEG.name)]
+    moves = [
+        (move.parent, MOVE_LEG.decode_data(move.body)) for move in sent(central, MOVE_LEG.name)
+    ]
     first, again = moves[0][1], next(move for parent, move in moves if parent == replan.id)
     assert first.leg == again.leg == 2
-    assert math.dist((first.foothold.x, first.foothold.y), (again.foothold.x, again.foothold.y)) > 0.2
+    assert (
+        math.dist((first.foothold.x, first.foothold.y), (again.foothold.x, again.foothold.y)) > 0.2
+    )
     assert len(sent(central, FOOTFALL_CHECK.name)) == 3
     assert robot.stance().pose.x == pytest.approx(1.0, abs=0.05)
 
@@ -151,7 +174,9 @@ def test_a_leg_under_which_the_ground_gives_way_is_put_down_before_anything_move
     assert min(robot.readings().loads) > 1000.0
 
 
-def test_an_image_is_newer_than_those_before_though_footsteps_are_counted_anew(user: Client) -> None:
+def test_an_image_is_newer_than_those_before_though_footsteps_are_counted_anew(
+    user: Client,
+) -> None:
     """As after the loss of the gait planner, which counts them."""
     user.command(ACQUIRE_IMAGE, 5).result(timeout=10)
     (first,) = user.query(IMAGES, 0)
@@ -171,6 +196,8 @@ def test_a_move_that_tilts_the_robot_begins_again_when_it_is_level(
     pose = robot.stance().pose
     user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)
     (steadied,) = sent(central, STEADY.name)
-    assert TIP_OVER_RISK.name in [fact.failure for fact in central.facts if isinstance(fact, Failed)]
+    assert TIP_OVER_RISK.name in [
+        fact.failure for fact in central.facts if isinstance(fact, Failed)
+    ]
     assert steadied.parent == sent(central, MOVE_BODY.name)[0].id
     assert robot.stance().pose.x == pytest.approx(pose.x + 0.1, abs=0.03)

@@ -67,7 +67,9 @@ def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
 
 
 def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
-    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False)
+    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
+        1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
+    )
 
 
 def test_walls_and_bad_footholds_are_in_the_map_and_nothing_else_is_changed() -> None:
@@ -110,7 +112,14 @@ def test_where_there_is_no_way_that_is_said() -> None:
 def test_legs_keep_their_order_in_the_standard_configuration() -> None:
     stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of 0 and 1
     places = standard_places(stance, first=0)
-    assert [(place.leg, place.x) for place in places] == [(0, -0.5), (1, -1.5), (2, 0.5), (3, 1.0), (4, 0.0), (5, -1.0)]
+    assert [(place.leg, place.x) for place in places] == [
+        (0, -0.5),
+        (1, -1.5),
+        (2, 0.5),
+        (3, 1.0),
+        (4, 0.0),
+        (5, -1.0),
+    ]
 
 
 def test_the_standard_configuration_may_be_mirrored() -> None:
@@ -141,7 +150,9 @@ def test_a_shuffle_is_stable_move_by_move_and_the_blocked_leg_goes_last() -> Non
 def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
     stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
     walls = [wall(-0.6, y / 2) for y in range(-6, 8)]
-    assert 2 not in {move.leg for move in shuffle(with_obstacles(a_map(), walls), stance, blocked=2)}
+    assert 2 not in {
+        move.leg for move in shuffle(with_obstacles(a_map(), walls), stance, blocked=2)
+    }
 
 
 def test_a_body_that_stands_badly_is_brought_to_where_any_leg_can_be_lifted() -> None:

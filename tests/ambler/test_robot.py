@@ -29,7 +29,9 @@ on_both = pytest.mark.parametrize("robot", BACKENDS, indirect=True)
 HILLS = TerrainSpec(seed=2, slope=0.15)
 
 
-@pytest.fixture(params=["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])])
+@pytest.fixture(
+    params=["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])]
+)
 def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     backend: Backend = request.param
     made = make_robot(backend, terrain=HILLS)
@@ -75,8 +77,12 @@ def test_feet_land_where_they_were_sent_and_the_others_stay(robot: Robot) -> Non
     before, move = robot.stance(), the_first_leg_move(robot)
     footfall = robot.move_leg(move, lambda: True)
     assert footfall.reached
-    assert (footfall.foot.x, footfall.foot.y) == pytest.approx((move.foothold.x, move.foothold.y), abs=0.05)
-    assert footfall.foot.z == pytest.approx(robot.terrain.height(footfall.foot.x, footfall.foot.y), abs=0.05)
+    assert (footfall.foot.x, footfall.foot.y) == pytest.approx(
+        (move.foothold.x, move.foothold.y), abs=0.05
+    )
+    assert footfall.foot.z == pytest.approx(
+        robot.terrain.height(footfall.foot.x, footfall.foot.y), abs=0.05
+    )
     assert greatest_shift(before, robot.stance(), without=move.leg) < 0.05
     assert robot.stance().last_leg == move.leg
 
@@ -123,7 +129,9 @@ def test_a_body_move_out_of_reach_is_refused_before_anything_moves(robot: Robot)
 def test_a_leg_is_lowered_until_it_stands_however_wrong_the_map_is() -> None:
     robot = make_robot("kinematic", terrain=HILLS)
     move = the_first_leg_move(robot)
-    above = replace(move, foothold=replace(move.foothold, z=move.foothold.z + 0.8), lift=move.lift + 0.8)
+    above = replace(
+        move, foothold=replace(move.foothold, z=move.foothold.z + 0.8), lift=move.lift + 0.8
+    )
     footfall = robot.move_leg(above)
     assert footfall.load > 1000
     assert footfall.foot.z == pytest.approx(move.foothold.z, abs=0.1)
@@ -134,7 +142,11 @@ def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:
     written = robot.picture(tmp_path / "ambler.png")
     assert written == tmp_path / "ambler.svg"
     drawing = ET.fromstring(written.read_text(encoding="utf-8"))
-    feet = [circle for circle in drawing.iter("{http://www.w3.org/2000/svg}circle") if circle.get("class") == "dark"]
+    feet = [
+        circle
+        for circle in drawing.iter("{http://www.w3.org/2000/svg}circle")
+        if circle.get("class") == "dark"
+    ]
     assert len(feet) == 6 + 2
 
 

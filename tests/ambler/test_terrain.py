@@ -12,7 +12,9 @@ from robots.ambler_sim.vocabulary import ORIGIN, TERRAINS, Rock, TerrainSpec
 
 @given(st.integers(0, 10**6), st.floats(0.02, 0.4), st.floats(-0.6, 0.6))
 @settings(max_examples=15)
-def test_hills_are_as_steep_as_asked_for_and_never_steeper(seed: int, slope: float, heading: float) -> None:
+def test_hills_are_as_steep_as_asked_for_and_never_steeper(
+    seed: int, slope: float, heading: float
+) -> None:
     """Along any path of 60 m that begins at the start."""
     terrain = Terrain(TerrainSpec(seed, slope))
     ways = np.arange(0.0, 60.0, 0.25)
@@ -30,7 +32,9 @@ def test_a_long_walk_comes_through_the_steepest_places() -> None:
 @pytest.mark.parametrize("kind", TERRAINS)
 def test_the_same_seed_makes_the_same_ground_and_another_one_another(kind: str) -> None:
     x, y = np.meshgrid(np.linspace(-5.0, 60.0, 80), np.linspace(-9.0, 9.0, 40))
-    first, again, other = (Terrain(TerrainSpec(seed, 0.3, kind=kind)).heights_at(x, y) for seed in (3, 3, 4))
+    first, again, other = (
+        Terrain(TerrainSpec(seed, 0.3, kind=kind)).heights_at(x, y) for seed in (3, 3, 4)
+    )
     assert (first == again).all()
     assert (first == other).all() == (kind == "flat")
 
@@ -41,7 +45,9 @@ def test_a_height_does_not_depend_on_what_was_asked_before(x: float, y: float) -
     walked, fresh = Terrain(TerrainSpec(7, 0.3)), Terrain(TerrainSpec(7, 0.3))
     walked.height(x + 20.0, y - 30.0)
     assert walked.height(x, y) == fresh.height(x, y)
-    far = fresh.heights_at(np.array([x, x + 500.0]), np.array([y, y]))[0]  # too far apart to be kept
+    far = fresh.heights_at(np.array([x, x + 500.0]), np.array([y, y]))[
+        0
+    ]  # too far apart to be kept
     assert far == pytest.approx(walked.height(x, y), abs=1e-9)
 
 
@@ -55,7 +61,9 @@ def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_heigh
     physics = pytest.importorskip("robots.ambler_sim.machine.physics", exc_type=ImportError)
     terrain = Terrain(TerrainSpec(seed=9, slope=0.3))
     plant = physics.BulletPlant(terrain, standing_posture(terrain, ORIGIN))
-    directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])
+    directions = np.array(
+        [[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]]
+    )
     origin = np.array([1.0, 0.5, 5.0])
     hits = origin + plant.cast(origin, directions, 14.0)[:, None] * directions
     plant.close()
@@ -74,7 +82,9 @@ def test_where_ground_gives_way_it_falls_in_and_nowhere_else() -> None:
 
 
 def test_rocks_far_behind_do_not_bring_their_ground_back() -> None:
-    """Only one part of the ground is kept: what asks for two by turns makes both anew, again and again."""
+    """Only one part of the ground is kept: what asks for two by turns makes both anew, again and
+    again.
+    """
     terrain, rock = Terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
     top = terrain.top(rock)
     terrain.height(400.0, 0.0)

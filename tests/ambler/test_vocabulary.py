@@ -60,5 +60,7 @@ def test_a_noun_survives_being_sent(example: object) -> None:
 
 
 def test_there_is_an_example_of_every_noun() -> None:
-    nouns = {noun for noun in vars(vocabulary).values() if isinstance(noun, type) and is_dataclass(noun)}
+    nouns = {
+        noun for noun in vars(vocabulary).values() if isinstance(noun, type) and is_dataclass(noun)
+    }
     assert nouns == {type(example) for example in EXAMPLES}

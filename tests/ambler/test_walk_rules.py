@@ -6,7 +6,14 @@ from pathlib import Path
 import pytest
 from tools.story import QUERY, Story
 
-from robots.ambler_sim.run.rules import FOOTFALL, IMAGE_LOCKED, NO_MOVE_WHILE_LOCKED, PLANNED_AHEAD, RULES, STABILITY
+from robots.ambler_sim.run.rules import (
+    FOOTFALL,
+    IMAGE_LOCKED,
+    NO_MOVE_WHILE_LOCKED,
+    PLANNED_AHEAD,
+    RULES,
+    STABILITY,
+)
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import GRANTED, LOCKED
 from tca_tools.journal.fold import History
@@ -21,7 +28,11 @@ PLANNED = Moment.END_PLANNING
 
 def begun() -> Story:
     """The programs are there."""
-    story = Story().module("gait planner", "traverse arc", "take steps").module("scanner", "acquire image")
+    story = (
+        Story()
+        .module("gait planner", "traverse arc", "take steps")
+        .module("scanner", "acquire image")
+    )
     story.module("layer", "stability check", "footfall check")
     story.module("controller", "move leg", "move body")
     story.say(facts.ResourceChanged("controller", "range finder", 1))
@@ -38,7 +49,7 @@ def test_a_journal_can_be_checked_where_the_robot_is_not() -> None:
     assert not re.search(r"^\s*(from|import) robots", FILE.read_text(), re.MULTILINE)
 
 
-# --- checks before and after moves ---------------------------------------------------------------------------------
+# --- checks before and after moves ----------------------------------------------------------------
 
 
 def tried_twice(checks: tuple[int, int]) -> History:
@@ -53,11 +64,15 @@ def tried_twice(checks: tuple[int, int]) -> History:
         if tried:
             story.achieved(move)
         else:
-            story.failed(move, "terrain collision").say(facts.Retried(TaskId(move), b"", "error recovery"))
+            story.failed(move, "terrain collision").say(
+                facts.Retried(TaskId(move), b"", "error recovery")
+            )
     return story.fold()
 
 
-@pytest.mark.parametrize(("checks", "kept"), [((1, 1), 2), ((1, 0), 1), ((2, 0), 1), ((0, 1), 1), ((0, 0), 0)])
+@pytest.mark.parametrize(
+    ("checks", "kept"), [((1, 1), 2), ((1, 0), 1), ((2, 0), 1), ((0, 1), 1), ((0, 0), 0)]
+)
 def test_each_try_of_a_move_needs_a_check_of_its_own(checks: tuple[int, int], kept: int) -> None:
     counted = STABILITY.count(tried_twice(checks))
     assert (counted.good, counted.number) == (kept, 2)
@@ -67,8 +82,12 @@ def test_each_try_of_a_move_needs_a_check_of_its_own(checks: tuple[int, int], ke
 def test_a_check_that_ends_after_the_move_began_does_not_precede_it() -> None:
     story = begun()
     move = story.command("move body", "gait planner")
-    late = story.command("stability check", "central", move, origin=0, role=Role.LISTENER, about=move)
-    story.delivered(late, "layer").delivered(move, "controller").at(2.0).achieved(late).at(3.0).achieved(move)
+    late = story.command(
+        "stability check", "central", move, origin=0, role=Role.LISTENER, about=move
+    )
+    story.delivered(late, "layer").delivered(move, "controller").at(2.0).achieved(late).at(
+        3.0
+    ).achieved(move)
     assert [task.id for task in STABILITY.count(story.fold()).bad] == [move]
 
 
@@ -92,24 +111,33 @@ def test_a_footfall_check_follows_each_leg_move() -> None:
 def test_a_leg_move_that_was_killed_is_not_to_be_checked() -> None:
     story = begun()
     move = story.command("move leg", "gait planner")
-    story.delivered(move, "controller").at(2.0).returned(move).say(facts.Killed(TaskId(move), "planned anew"))
+    story.delivered(move, "controller").at(2.0).returned(move).say(
+        facts.Killed(TaskId(move), "planned anew")
+    )
     assert FOOTFALL.count(story.reached(move, Moment.END_ACHIEVING).fold()).number == 0
 
 
-# --- planning ahead ------------------------------------------------------------------------------------------------
+# --- planning ahead -------------------------------------------------------------------------------
 
 
 def walked(*ahead: bool) -> History:
-    """An arc of one step more than that: each other one is planned while the one before is walked, or after it."""
+    """An arc of one step more than that: each other one is planned while the one before is walked,
+    or after it.
+    """
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
     step = story.goal("take steps", "gait planner", arc)
     story.returned(arc).reached(arc, PLANNED).delivered(step, "gait planner")
     for is_ahead in (*ahead, False):
-        leg, body = story.command("move leg", "gait planner", step), story.command("move body", "gait planner", step)
+        leg, body = (
+            story.command("move leg", "gait planner", step),
+            story.command("move body", "gait planner", step),
+        )
         rest = story.goal("take steps", "gait planner", step)
         now = story.entries[-1].time
-        story.at(now + 0.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).acted(leg, "controller", 1.0)
+        story.at(now + 0.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).acted(
+            leg, "controller", 1.0
+        )
         story.delivered(body, "controller")
         if is_ahead:
             story.delivered(rest, "gait planner").at(now + 2.5).achieved(body)
@@ -127,7 +155,10 @@ def test_a_step_is_planned_while_the_one_before_is_walked() -> None:
 
 
 def test_nine_steps_of_ten_are_enough() -> None:
-    nine, eight = (PLANNED_AHEAD.count(walked(*[True] * number, *[False] * (20 - number))) for number in (18, 17))
+    nine, eight = (
+        PLANNED_AHEAD.count(walked(*[True] * number, *[False] * (20 - number)))
+        for number in (18, 17)
+    )
     assert (str(nine), PLANNED_AHEAD.allows(nine)) == ("18 of 20", True)
     assert (str(eight), PLANNED_AHEAD.allows(eight)) == ("17 of 20", False)
 
@@ -140,7 +171,9 @@ def test_a_step_that_is_planned_anew_is_not_planned_ahead() -> None:
     story.delivered(step, "gait planner")
     body = story.command("move body", "gait planner", step)
     rest = story.goal("take steps", "gait planner", step)
-    story.at(1.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).delivered(rest, "gait planner")
+    story.at(1.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).delivered(
+        rest, "gait planner"
+    )
     story.acted(body, "controller", 1.0)
     for now, is_last in ((3.0, False), (5.0, True)):
         if is_last:
@@ -148,16 +181,20 @@ def test_a_step_that_is_planned_anew_is_not_planned_ahead() -> None:
         body = story.command("move body", "gait planner", rest)
         story.at(now).returned(rest)
         if not is_last:
-            story.acted(body, "controller", 0.5).say(facts.Retried(TaskId(rest), b"", "error recovery")).at(4.0)
+            story.acted(body, "controller", 0.5).say(
+                facts.Retried(TaskId(rest), b"", "error recovery")
+            ).at(4.0)
     story.acted(body, "controller", 1.0)
     assert str(PLANNED_AHEAD.count(story.fold())) == "1 of 2"
 
 
-# --- the scanner's lock --------------------------------------------------------------------------------------------
+# --- the scanner's lock ---------------------------------------------------------------------------
 
 
 def imaged(how: str) -> Story:
-    """A leg move, and an image beside it: with a lock that waits for the move, that does not, or without any."""
+    """A leg move, and an image beside it: with a lock that waits for the move, that does not, or
+    without any.
+    """
     story = begun()
     move = story.command("move leg", "gait planner", to="controller")
     look = story.command("acquire image", "gait planner", to="scanner")

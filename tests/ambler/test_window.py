@@ -19,11 +19,21 @@ NO_PHYSICS = "the kinematic backend has no physics to look at: leave --backend o
         (["--gui"], False, ":0", NO_ENGINE),
         (["--gui", "--backend", "kinematic"], True, ":0", f"--gui: {NO_PHYSICS}"),
         (["--film", "walk.gif", "--backend", "kinematic"], True, "", f"--film: {NO_PHYSICS}"),
-        (["--film", "walk.mp4"], True, "", "--film: walk.mp4 should end in one of .gif, .png, .webp"),
+        (
+            ["--film", "walk.mp4"],
+            True,
+            "",
+            "--film: walk.mp4 should end in one of .gif, .png, .webp",
+        ),
     ],
 )
 def test_a_walk_that_cannot_be_seen_is_refused_at_once(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], has_engine: bool, display: str, told: str
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    options: list[str],
+    has_engine: bool,
+    display: str,
+    told: str,
 ) -> None:
     monkeypatch.setattr(walk, "pybullet_is_installed", lambda: has_engine)
     monkeypatch.setattr(sys, "platform", "linux")

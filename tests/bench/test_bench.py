@@ -1,4 +1,6 @@
-"""The benchmark works: all cases of our own contestants have figures. What these are is nobody's business here."""
+"""The benchmark works: all cases of our own contestants have figures. What these are is nobody's
+business here.
+"""
 
 import math
 from pathlib import Path
@@ -16,16 +18,23 @@ QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("only", [["goals with three children"], pytest.param([], marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "only", [["goals with three children"], pytest.param([], marks=pytest.mark.soak)]
+)
 def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     chosen_by = [word for name in only for word in ("--only", name)]
-    result = CliRunner().invoke(bench, [*QUICK, *chosen_by, "--json", str(path)], catch_exceptions=False)
+    result = CliRunner().invoke(
+        bench, [*QUICK, *chosen_by, "--json", str(path)], catch_exceptions=False
+    )
     assert result.exit_code == 0, result.output
     report = msgspec.json.decode(path.read_bytes(), type=Report)
     assert report.missing == {}
     assert [(table.stage, table.case) for table in report.tables] == [
-        (stage.title, case.name) for stage in STAGES for case in stage.cases if case.name in only or not only
+        (stage.title, case.name)
+        for stage in STAGES
+        for case in stage.cases
+        if case.name in only or not only
     ]
     for table in report.tables:
         assert len(table.rows) >= 2, table.case
@@ -39,11 +48,17 @@ def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path
 
 def test_what_is_not_installed_is_left_out_by_name() -> None:
     needs = Needs(("no_such_package", "no.such.package"), ("no-such-program",), "pip install it")
-    assert lacking(needs) == "package no_such_package, package no.such.package, program no-such-program"
+    assert (
+        lacking(needs)
+        == "package no_such_package, package no.such.package, program no-such-program"
+    )
     assert not lacking(Needs(("zmq", "msgspec.msgpack"), ("sh",)))
     entry, said = Entrant("Nobody", "peers.nobody", "Nobody", needs=needs), list[str]()
     result = run(
-        [Stage("any", (Trial("round trip", "round_trip", arguments=(100,)),), (entry,), "")], 1, 0.001, said.append
+        [Stage("any", (Trial("round trip", "round_trip", arguments=(100,)),), (entry,), "")],
+        1,
+        0.001,
+        said.append,
     )
     assert result.missing["Nobody"].endswith("not installed: pip install it")
     assert any("Nobody is left out" in line for line in said)
@@ -52,9 +67,13 @@ def test_what_is_not_installed_is_left_out_by_name() -> None:
 @pytest.mark.soak
 @pytest.mark.slow
 def test_one_that_breaks_is_out_and_the_others_go_on() -> None:
-    (stage,) = chosen(STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy")[:1]
+    (stage,) = chosen(
+        STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy"
+    )[:1]
     broken = Entrant("broken", "own.library", "Library", {"journal": "no such journal"})
-    result: Results = run([Stage("any", stage.cases, (broken, *stage.entries), "zmq.proxy")], 1, 0.001, lambda _: None)
+    result: Results = run(
+        [Stage("any", stage.cases, (broken, *stage.entries), "zmq.proxy")], 1, 0.001, lambda _: None
+    )
     assert result.missing["broken"].startswith("it broke: KeyError")
     assert list(result.measured[0].rows) == ["zmq.proxy"]
 
@@ -70,6 +89,10 @@ def test_cases_are_chosen_by_name() -> None:
 
 
 def test_nothing_is_measured_that_could_not_be_written(tmp_path: Path) -> None:
-    result = CliRunner().invoke(bench, [*QUICK, "--json", str(tmp_path / "nowhere" / "figures.json")])
+    result = CliRunner().invoke(
+        bench, [*QUICK, "--json", str(tmp_path / "nowhere" / "figures.json")]
+    )
     assert result.exit_code == 2
-    assert f"no folder '{tmp_path / 'nowhere'}' for the figures: make it first" in " ".join(result.output.split())
+    assert f"no folder '{tmp_path / 'nowhere'}' for the figures: make it first" in " ".join(
+        result.output.split()
+    )

@@ -1,4 +1,6 @@
-"""The cleaning robot without central: four regions a joint, limits, moves in two dimensions, cleaning."""
+"""The cleaning robot without central: four regions a joint, limits, moves in two dimensions,
+cleaning.
+"""
 
 import itertools
 import math
@@ -32,7 +34,9 @@ def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
 def test_the_show_counts_the_ticks_that_are_missing() -> None:
     robot = VirtualRobot()
     robot.baton.run(1.005)
-    due, made, rest = re.split(r" ticks were due in 1 s: | were made \(0 too late\), ", counted(robot.application))
+    due, made, rest = re.split(
+        r" ticks were due in 1 s: | were made \(0 too late\), ", counted(robot.application)
+    )
     assert due == made
     assert rest == "0 were left out as the next was due already, no other is missing"
     robot.application.remove("x.movement.machine")

@@ -14,7 +14,10 @@ def test_the_wall_is_cleaned_in_a_show(tmp_path: Path) -> None:
     done = re.findall(r"s  (.*): done", shown.stdout)
     assert done == ["enable", "reference", "move to (1.5, 0.9)", "clean"]
     assert "allocated anew: automatic" in shown.stdout
-    assert re.search(r" ticks were due in .* left out as the next was due already, no other is missing\n", shown.stdout)
+    assert re.search(
+        r" ticks were due in .* left out as the next was due already, no other is missing\n",
+        shown.stdout,
+    )
     assert (tmp_path / "wall.svg").read_text().count('class="clean"') == 1
     transitions = (tmp_path / "transitions.txt").read_text()
     assert "tool.referencing: off switch to referenced" in transitions

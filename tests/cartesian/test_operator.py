@@ -20,7 +20,7 @@ from robots.cartesian_sim.messages import (
     JointMove,
     JointSpeed,
     WallPoint,
-)  # fmt: skip
+)
 from robots.cartesian_sim.operator import Operator
 from tca_module import Client, SentTask, TaskFailed, TaskKilled, connect
 from tca_module.testing import LocalCentral

@@ -31,7 +31,9 @@ class VirtualRobot:
     def states(self) -> dict[str, str]:
         """The current state of each region."""
         return {
-            f"{part.name}.{region.name}": region.current for part in self.parts.all for region in part.regions.values()
+            f"{part.name}.{region.name}": region.current
+            for part in self.parts.all
+            for region in part.regions.values()
         }
 
     def positions(self) -> list[float]:

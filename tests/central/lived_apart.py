@@ -1,4 +1,6 @@
-"""A life of which the second part goes on from an image, in a process of its own: ``lived_apart.py SEED IMAGE``."""
+"""A life of which the second part goes on from an image, in a process of its own: ``lived_apart.py
+SEED IMAGE``.
+"""
 
 import sys
 from hashlib import blake2b
@@ -28,7 +30,9 @@ class _Counting(Player):
 
 
 def live(seed: int, image: bytes | None) -> tuple[bytes, str]:
-    """The image after the first part, and a digest of all effects; the second part goes on from *image*."""
+    """The image after the first part, and a digest of all effects; the second part goes on from
+    *image*.
+    """
     player = _Counting()
     life = Life(player)
     life.go_on(seed, EVENTS)

@@ -10,7 +10,16 @@ import pytest
 
 from dev.invariants import check_invariants
 from tca_central.core import Central
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Record, RequestReceived, Tick, Transmit
+from tca_central.events import (
+    BadBytes,
+    ConnectionId,
+    ConnectionLost,
+    Effect,
+    Record,
+    RequestReceived,
+    Tick,
+    Transmit,
+)
 from tca_central.loading import is_compiled
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Entry
@@ -24,15 +33,20 @@ from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
 SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
-"""What else a connection asks, the handler asks that it is running; of these a test says which does."""
+"""What else a connection asks, the handler asks that it is running; of these a test says which
+does.
+"""
 
 IN_PYTHON = pytest.mark.skipif(
-    is_compiled(), reason="machine code can be neither traced nor patched, nor its objects made one by one"
+    is_compiled(),
+    reason="machine code can be neither traced nor patched, nor its objects made one by one",
 )
 
 
 class Player:
-    """One central and any number of modules, named by single words. Invariants are checked after every event."""
+    """One central and any number of modules, named by single words. Invariants are checked after
+    every event.
+    """
 
     prefetch = 0
     """Messages that each slot takes ahead."""
@@ -44,12 +58,16 @@ class Player:
         self.entries: list[Entry] = []
         self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
         self.numbers: dict[str, int] = {}
-        self.principals: dict[str, str] = {}  #: whose a connection is ("": of the user who runs central)
+        self.principals: dict[
+            str, str
+        ] = {}  #: whose a connection is ("": of the user who runs central)
         self.life_cycles: dict[str, str] = {}  #: by message: the table that its declarations have
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
-        """A central with modules and what they handle: "legs: command move, query where", "user"."""
+        """A central with modules and what they handle: "legs: command move, query where",
+        "user".
+        """
         player = cls()
         player.check = check
         for name, _, handled in (module.partition(": ") for module in modules):
@@ -68,7 +86,9 @@ class Player:
             if isinstance(effect, Record):
                 self.entries.append(effect.entry)
             elif isinstance(effect, Transmit):
-                self.inbox.setdefault(effect.connection.decode(), []).append((effect.header, effect.body))
+                self.inbox.setdefault(effect.connection.decode(), []).append(
+                    (effect.header, effect.body)
+                )
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         """Let central receive a message; the headers that it sent to anyone."""
@@ -76,11 +96,19 @@ class Player:
         if getattr(header, "origin", None) == 0 and not isinstance(header, SAYS_ITSELF):
             header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
         principal = self.principals.get(connection, "")
-        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body, principal))
+        effects = self.event(
+            RequestReceived(self.time, ConnectionId(connection.encode()), header, body, principal)
+        )
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def request(
-        self, connection: str, kind: Callable[..., Any], /, *fields: Any, body: bytes = b"", **options: Any
+        self,
+        connection: str,
+        kind: Callable[..., Any],
+        /,
+        *fields: Any,
+        body: bytes = b"",
+        **options: Any,
     ) -> list[Any]:
         """Make a request, under the next number."""
         return self.receive(connection, kind(self.number(connection), *fields, **options), body)
@@ -90,7 +118,13 @@ class Player:
         return self.numbers[connection]
 
     def hello(
-        self, connection: str, module: str = "", resource: str = "", incarnation: str = "", *, direct: bool = False
+        self,
+        connection: str,
+        module: str = "",
+        resource: str = "",
+        incarnation: str = "",
+        *,
+        direct: bool = False,
     ) -> list[Any]:
         module = module or connection
         number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
@@ -118,15 +152,20 @@ class Player:
         direct: bool = False,
         **wishes: Any,
     ) -> None:
-        """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles; *wishes*
-        are what its handlers say of the life cycles of tasks.
+        """A module joins: "goal walk", "query where", ...: its words are class and name of what it
+        handles; *wishes* are what its handlers say of the life cycles of tasks.
         """
         self.hello(name)
         messages = [self.declared(words) for words in handles]
         may_be_direct = (MessageClass.INFORM, MessageClass.QUERY) if direct else ()
         handlers = [
             HandlerFormat(
-                message.name, resource or name, pool, pending, message.message_class in may_be_direct, **wishes
+                message.name,
+                resource or name,
+                pool,
+                pending,
+                message.message_class in may_be_direct,
+                **wishes,
             )
             for message in messages
         ]
@@ -154,7 +193,14 @@ class Player:
         return self.request(connection, headers.Register, declared)
 
     def change(
-        self, connection: str, task: int, transition: str, value: Any = None, *, serial: int = -1, **options: Any
+        self,
+        connection: str,
+        task: int,
+        transition: str,
+        value: Any = None,
+        *,
+        serial: int = -1,
+        **options: Any,
     ) -> list[Any]:
         """Take a transition of a task: as its handler where it is that, else as a client."""
         return self.request(
@@ -182,12 +228,22 @@ class Player:
     ) -> list[Any]:
         number = options.pop("number", None) or self.number(connection)
         header = headers.Send(
-            number, message, TaskId(under), options.pop("origin", under), flags, list(constraints), **options
+            number,
+            message,
+            TaskId(under),
+            options.pop("origin", under),
+            flags,
+            list(constraints),
+            **options,
         )
         return self.receive(connection, header, msgspec.msgpack.encode(7))
 
-    def set_variable(self, connection: str, variable: str, value: Any, *, swap: bool = False) -> list[Any]:
-        return self.request(connection, headers.SetVariable, variable, body=msgspec.msgpack.encode(value), swap=swap)
+    def set_variable(
+        self, connection: str, variable: str, value: Any, *, swap: bool = False
+    ) -> list[Any]:
+        return self.request(
+            connection, headers.SetVariable, variable, body=msgspec.msgpack.encode(value), swap=swap
+        )
 
     def task(self, connection: str, message: str, **options: Any) -> int:
         """Send a goal or command; its id."""
@@ -199,7 +255,9 @@ class Player:
     def delivered(self, connection: str) -> list[int]:
         """The deliveries that a connection was given and has not answered."""
         return [
-            d.given_as for d in self.central.dispatcher.running.values() if d.slot and d.slot.id == connection.encode()
+            d.given_as
+            for d in self.central.dispatcher.running.values()
+            if d.slot and d.slot.id == connection.encode()
         ]
 
     def reply(self, connection: str, delivery: int = 0, value: Any = None) -> list[Any]:
@@ -231,7 +289,12 @@ class Player:
         return [fact for entry in self.entries for fact in entry.facts if isinstance(fact, kind)]
 
     def facts_of(self, kind: str) -> list[Any]:
-        return [fact for entry in self.entries for fact in entry.facts if fact.__struct_config__.tag == kind]
+        return [
+            fact
+            for entry in self.entries
+            for fact in entry.facts
+            if fact.__struct_config__.tag == kind
+        ]
 
 
 def point(task: int, moment: Moment) -> Point:

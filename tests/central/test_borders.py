@@ -1,4 +1,6 @@
-"""The search for circles passes by what is below most tasks, and finds a way exactly where there is one."""
+"""The search for circles passes by what is below most tasks, and finds a way exactly where there is
+one.
+"""
 
 import random
 from collections.abc import Iterator
@@ -47,7 +49,9 @@ def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
     player = planned_ahead(chance)
     for _ in range(12):
         one, other = chance.choices(sorted(player.central.tree.tasks) or [TaskId(1)], k=2)
-        wanted = before(point(one, chance.choice(list(Moment))), point(other, chance.choice(list(Moment))))
+        wanted = before(
+            point(one, chance.choice(list(Moment))), point(other, chance.choice(list(Moment)))
+        )
         player.request("user", headers.Constrain, [wanted])
         if chance.random() < 0.1:
             player.request("user", headers.Kill, TaskId(one))
@@ -55,7 +59,9 @@ def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
 
 
 def planned_ahead(chance: random.Random) -> Player:
-    """A random tree of goals and commands: all is held back, and some goals have been handled already."""
+    """A random tree of goals and commands: all is held back, and some goals have been handled
+    already.
+    """
     player = Player(check=False)
     player.module("planner", "goal walk", capacity=3)
     player.module("user")
@@ -66,7 +72,14 @@ def planned_ahead(chance: random.Random) -> Player:
         parent = chance.choice([0, *goals])
         flags = Flags(chance.choice([0, 0, 1, chance.randrange(16)]))
         message = chance.choice(["walk", "walk", "move"])
-        player.send("user", message, under=parent, origin=0, flags=flags, constraints=(held,) if not parent else ())
+        player.send(
+            "user",
+            message,
+            under=parent,
+            origin=0,
+            flags=flags,
+            constraints=(held,) if not parent else (),
+        )
         for slot in ("planner/1", "planner/2", "planner/3"):
             if chance.random() < 0.3 and player.delivered(slot):
                 player.reply(slot)
@@ -75,12 +88,20 @@ def planned_ahead(chance: random.Random) -> Player:
 
 def compare(tree: TaskTree, chance: random.Random) -> None:
     """Ways between points that are to come, searched in all three ways."""
-    places = [place for place in all_places(tree) if unified(place.task.is_goal, place.moment) == place.moment]
+    places = [
+        place
+        for place in all_places(tree)
+        if unified(place.task.is_goal, place.moment) == place.moment
+    ]
     for _ in range(min(150, len(places) ** 2)):
         start, goal = chance.choice(places), chance.choice(places)
         if start != goal:
             known = path_of(PathSearch(tree, start, goal))
-            assert (known is None) == (pruned(tree, start, goal) is None) == (found(tree, start, goal) is None)
+            assert (
+                (known is None)
+                == (pruned(tree, start, goal) is None)
+                == (found(tree, start, goal) is None)
+            )
 
 
 def all_places(tree: TaskTree) -> Iterator[Place]:
@@ -121,13 +142,19 @@ def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] 
 
 
 def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> None:
-    """It leaves what is below the failing task, which has not begun, and leads to a task far above."""
-    player = Player.of("planner: goal walk", "eye: query seen", "expert: exception handler recover", "user")
+    """It leaves what is below the failing task, which has not begun, and leads to a task far
+    above.
+    """
+    player = Player.of(
+        "planner: goal walk", "eye: query seen", "expert: exception handler recover", "user"
+    )
     player.declare("user", "goal walk", "command move")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", "move"])
     player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
-    monitor = player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))  # others put it there: it stays
+    monitor = player.task(
+        "user", "watch", under=walk, origin=0, watch=WatchOptions(7)
+    )  # others put it there: it stays
     first = player.task("user", "move", flags=Flags.NONE)
     held = before(point(first, END), point(-1, Moment.START_PLANNING))
     goal = player.task("user", "walk", under=monitor, origin=0, constraints=(held,))
@@ -140,11 +167,14 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     player.request("expert/1", headers.Retry, TaskId(walk))
     wanted = before(point(step, END), point(handler.id, END))
     player.request("user", headers.Constrain, [wanted])
-    start, end = Place(tasks[TaskId(goal)], Moment.START_PLANNING), Place(tasks[TaskId(walk)], Moment.END_HANDLING)
+    start, end = (
+        Place(tasks[TaskId(goal)], Moment.START_PLANNING),
+        Place(tasks[TaskId(walk)], Moment.END_HANDLING),
+    )
     assert pruned(player.central.tree, start, end)
 
 
-# --- what it costs ---------------------------------------------------------------------------------------------------
+# --- what it costs --------------------------------------------------------------------------------
 
 WIDE = 1_500
 
@@ -199,7 +229,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
 
 
 @pytest.mark.parametrize("planned", [True, False])
-def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(counted: Counted, planned: bool) -> None:
+def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(
+    counted: Counted, planned: bool
+) -> None:
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
     one, other = (counted.wide(constraints=held) for _ in range(2))
@@ -248,12 +280,14 @@ def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
     assert not tree.across
 
 
-# --- Handlers that wait for a goal with thousands of subtasks: no event looks at more than so many edges of the graph
+# --- Handlers that wait for a goal with thousands of subtasks: no event looks at more than so many
 
 
 SUBTASKS = 3_000
 MOST = deadlocks.PATIENCE + deadlocks.SLICE + 10
-"""A wait may begin in an event in which a look is due. A group is looked at as a whole, so that it may be a few more."""
+"""A wait may begin in an event in which a look is due. A group is looked at as a whole, so that it
+may be a few more.
+"""
 
 
 class Crowd(Player):
@@ -303,7 +337,9 @@ class Crowd(Player):
 
     @property
     def refused(self) -> list[str]:
-        return [fact.text for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
+        return [
+            fact.text for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK
+        ]
 
 
 @pytest.fixture
@@ -319,7 +355,9 @@ def test_the_wait_of_a_client_for_a_wide_goal_costs_nothing(crowd: Crowd) -> Non
 
 @IN_PYTHON
 def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
-    """And once all is known to go on, nothing is looked at before something happens that might change that."""
+    """And once all is known to go on, nothing is looked at before something happens that might
+    change that.
+    """
     for slot in ("watcher/1", "watcher/2"):
         crowd.wait(slot, crowd.ask())
     assert crowd.look_to_the_end() > 1
@@ -335,7 +373,9 @@ def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd)
     note = crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     crowd.reply("watcher/1", note)
     both = [crowd.ask(), crowd.ask()]
-    crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)  # for a watcher, and both wait for the walk
+    crowd.task(
+        "planner", "note", under=crowd.walk, flags=Flags.NONE
+    )  # for a watcher, and both wait for the walk
     for delivery in both:
         slot = crowd.central.dispatcher.running[delivery].slot
         assert slot is not None

@@ -1,4 +1,6 @@
-"""The budget of bytes: whatever modules do, what is counted is what is held, and stays within bounds."""
+"""The budget of bytes: whatever modules do, what is counted is what is held, and stays within
+bounds.
+"""
 
 import random
 from collections.abc import Callable
@@ -50,7 +52,9 @@ def _fields(header: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("message", ["note", "where", "move", "all", "pose"])
 def test_what_waits_is_bounded_in_bytes(message: str) -> None:
-    player = of("busy: inform note, query where, command move, multi-query all, broadcast pose", "user")
+    player = of(
+        "busy: inform note, query where, command move, multi-query all, broadcast pose", "user"
+    )
     taken = fill(player, headers.Send(1, message), bytes(10_000))
     assert 40 <= taken <= 60
     assert player.central.message_bytes <= player.central.budget.messages
@@ -70,7 +74,11 @@ def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> Non
     dropped = player.facts_of("dropped")
     assert dropped
     assert {fact.dropping for fact in dropped} == {Dropping.OVERLOAD}
-    assert player.central.registry.messages["note"].dropped == len(dropped) == player.central.budget.refused
+    assert (
+        player.central.registry.messages["note"].dropped
+        == len(dropped)
+        == player.central.budget.refused
+    )
     told: Any = TOPICS["load"](player.central)
     assert told["overloads"] == len(dropped)
     assert told["memory"]["messages and tasks"][0] == player.central.message_bytes
@@ -118,13 +126,24 @@ def test_results_failures_and_farewells_are_counted() -> None:
 
 DECLARED: dict[str, Callable[[int, TaskId], Any]] = {
     "waits": lambda number, task: headers.AwaitPoint(number, point(task, Moment.END_ACHIEVING)),
-    "deadlines": lambda number, task: headers.Deadline(number, Point(task, Moment.END_ACHIEVING), 1000.0),
+    "deadlines": lambda number, task: headers.Deadline(
+        number, Point(task, Moment.END_ACHIEVING), 1000.0
+    ),
     "kills": lambda number, task: headers.Kill(number, task, "x" * 10_000, delay=1000.0),
-    "attachments": lambda number, task: headers.Attach(number, Attachment(f"f{number}", "recover"), task),
-    "wiretaps": lambda number, task: headers.Tap(number, Condition.WHEN_ACHIEVED, f"note {number % 8}", task=task),
+    "attachments": lambda number, task: headers.Attach(
+        number, Attachment(f"f{number}", "recover"), task
+    ),
+    "wiretaps": lambda number, task: headers.Tap(
+        number, Condition.WHEN_ACHIEVED, f"note {number % 8}", task=task
+    ),
     "presence": lambda number, _: headers.WaitUntilHandled(number, ["recover"]),
     "delays": lambda number, task: headers.Constrain(
-        number, [Constraint(Point(TaskId(0), Moment.START_ACHIEVING), Point(task, Moment.END_ACHIEVING), 9.0)]
+        number,
+        [
+            Constraint(
+                Point(TaskId(0), Moment.START_ACHIEVING), Point(task, Moment.END_ACHIEVING), 9.0
+            )
+        ],
     ),
 }
 
@@ -132,7 +151,12 @@ DECLARED: dict[str, Callable[[int, TaskId], Any]] = {
 @pytest.mark.parametrize("what", DECLARED)
 def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
     player = of("user")
-    player.declare("user", "command move", "exception handler recover", *(f"inform note {one}" for one in range(8)))
+    player.declare(
+        "user",
+        "command move",
+        "exception handler recover",
+        *(f"inform note {one}" for one in range(8)),
+    )
     task = TaskId(player.task("user", "move"))
     player.central.budget.declared = player.central.declared_bytes + 2500
     answers = [player.request("user", DECLARED[what], task) for _ in range(8)]
@@ -143,7 +167,7 @@ def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
     assert "declarations, attachments, claims, waits and timers hold" in refused[-1].text
 
 
-# --- answers ---------------------------------------------------------------------------------------------------------
+# --- answers --------------------------------------------------------------------------------------
 
 
 def ask(player: Player, connection: str, size: int) -> int:
@@ -191,11 +215,13 @@ def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() ->
     player.receive("leaves", headers.Bye())
     assert player.central.answers.bytes == 3 * ANSWER_BYTES
     player.hello("stays")
-    (answer,) = player.receive("stays", headers.SetVariable(player.numbers["stays"] - 1, "v", swap=True), b"x")
+    (answer,) = player.receive(
+        "stays", headers.SetVariable(player.numbers["stays"] - 1, "v", swap=True), b"x"
+    )
     assert isinstance(answer, headers.Answer)
 
 
-# --- names -----------------------------------------------------------------------------------------------------------
+# --- names ----------------------------------------------------------------------------------------
 
 
 def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,7 +250,18 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
     assert isinstance(answer, headers.Accepted)
     known = player.central.registry.messages
     assert not {"a", "b", "c"} & set(known)
-    assert {"held", "waiting", "tapped", "guarded", "value", "move", "recover", "seen", "d", "e"} == set(known)
+    assert {
+        "held",
+        "waiting",
+        "tapped",
+        "guarded",
+        "value",
+        "move",
+        "recover",
+        "seen",
+        "d",
+        "e",
+    } == set(known)
     player.central.registry.look_after = 0  # else it is not worth to look again so soon
     (answer,) = player.declare("new", "inform f", "inform g", "inform h")
     assert isinstance(answer, headers.Accepted)
@@ -260,7 +297,10 @@ def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_
     (answer,) = player.declare("stays", "inform l")
     assert isinstance(answer, headers.Accepted)
     known = player.central.registry.messages
-    assert [one for one in "abcdefgh" if one not in known] == ["b", "c"]  # with 'asked', of which nothing waits
+    assert [one for one in "abcdefgh" if one not in known] == [
+        "b",
+        "c",
+    ]  # with 'asked', of which nothing waits
     assert "kept" in known
     dropped = [fact for fact in player.facts_of("dropped") if fact.dropping is Dropping.OVERLOAD]
     assert [fact.message for fact in dropped] == ["b", "c"]
@@ -299,17 +339,21 @@ def test_formats_are_bounded_in_bytes() -> None:
     assert isinstance(answer, headers.Accepted)
 
 
-# --- hostile lives ---------------------------------------------------------------------------------------------------
+# --- hostile lives --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
     """The invariants, checked at the end of each burst, walk over all that is held."""
     player = of(
-        "legs: command move, goal walk, query where", "map: inform note, broadcast pose, multi-query all", "user"
+        "legs: command move, goal walk, query where",
+        "map: inform note, broadcast pose, multi-query all",
+        "user",
     )
     player.check = False
-    player.module("ears", "exception handler recover", "broadcast pose", "multi-query all", "variable v")
+    player.module(
+        "ears", "exception handler recover", "broadcast pose", "multi-query all", "variable v"
+    )
     player.declare("user", "variable v", "inform hear")
     chance, most = random.Random(seed), 0
     for _ in range(15):
@@ -326,19 +370,37 @@ def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
 
 
 def _do_anything(player: Player, chance: random.Random) -> None:
-    number, task = player.number("user"), TaskId(chance.randint(1, max(player.central.tree.newest, 1)))
+    number, task = (
+        player.number("user"),
+        TaskId(chance.randint(1, max(player.central.tree.newest, 1))),
+    )
     body = bytes(chance.choice((1, 1000, 60_000, 200_000)))
-    send = headers.Send(chance.choice((number, number, 0)), chance.choice(("note", "pose")), origin=0)
+    send = headers.Send(
+        chance.choice((number, number, 0)), chance.choice(("note", "pose")), origin=0
+    )
     choices: list[tuple[Any, bytes]] = [
         (send, body),
         (headers.Send(number, chance.choice(("where", "all"))), body),
-        (headers.Send(number, chance.choice(("move", "walk")), chance.choice((task, TaskId(0)))), body),
+        (
+            headers.Send(number, chance.choice(("move", "walk")), chance.choice((task, TaskId(0)))),
+            body,
+        ),
         (headers.Send(number, "move", task, when_killed=True), body),
         (headers.SetVariable(number, "v", swap=chance.random() < 0.5), body),
         (headers.AwaitPoint(number, Point(task, Moment.END_ACHIEVING)), b""),
-        (headers.Deadline(number, Point(task, Moment.END_ACHIEVING), chance.choice((5.0, 5000.0))), b""),
+        (
+            headers.Deadline(
+                number, Point(task, Moment.END_ACHIEVING), chance.choice((5.0, 5000.0))
+            ),
+            b"",
+        ),
         (headers.Attach(number, Attachment(f"f{chance.randint(0, 50)}", "recover"), task), b""),
-        (headers.Tap(number, Condition.AFTER_ACHIEVED, chance.choice(("move", "hear")), task=task), b""),
+        (
+            headers.Tap(
+                number, Condition.AFTER_ACHIEVED, chance.choice(("move", "hear")), task=task
+            ),
+            b"",
+        ),
         (headers.Kill(number, task, delay=chance.choice((0.0, 100.0))), b""),
         (headers.GiveUp(chance.randint(1, number)), b""),
         (headers.Retry(number, task, new_data=True), body),
@@ -349,11 +411,15 @@ def _do_anything(player: Player, chance: random.Random) -> None:
     player.receive("user", header, body)
     for slot in ("legs/1", "map/1", "ears/1"):
         if chance.random() < 0.15 and (delivered := player.delivered(slot)):
-            answer = chance.choice((headers.Reply(delivered[-1]), headers.Fail(delivered[-1], "f1", "slipped")))
+            answer = chance.choice(
+                (headers.Reply(delivered[-1]), headers.Fail(delivered[-1], "f1", "slipped"))
+            )
             player.receive(slot, answer, bytes(chance.choice((1, 20_000))))
 
 
-def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A search in vain is not repeated before much has happened; but a departure is enough."""
     monkeypatch.setattr(registry, "MESSAGES", 60)
     monkeypatch.setattr(forgetting, "STEPS", 1)
@@ -368,7 +434,9 @@ def test_late_failures_of_a_multi_query_given_up_hold_nothing() -> None:
     player = of("map: multi-query where", "camera: multi-query where", "user")
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))
-    sent = player.receive("map/1", headers.Fail(player.delivered("map/1")[0], "no idea", "why"), bytes(500))
+    sent = player.receive(
+        "map/1", headers.Fail(player.delivered("map/1")[0], "no idea", "why"), bytes(500)
+    )
     assert player.central.budget.collected == 0
     sent += player.reply("camera/1")
     assert not any(isinstance(one, headers.Answer) for one in sent)

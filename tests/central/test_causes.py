@@ -1,4 +1,6 @@
-"""Each entry of the journal says what it came from: a request and the handler that asked, a timer, a lost connection."""
+"""Each entry of the journal says what it came from: a request and the handler that asked, a timer,
+a lost connection.
+"""
 
 import pytest
 from central.player import Player
@@ -20,7 +22,9 @@ def robot() -> Player:
 
 
 def with_fact(player: Player, kind: type) -> list[Entry]:
-    return [entry for entry in player.entries if any(isinstance(fact, kind) for fact in entry.facts)]
+    return [
+        entry for entry in player.entries if any(isinstance(fact, kind) for fact in entry.facts)
+    ]
 
 
 def causes(player: Player, kind: type) -> list[Cause | None]:
@@ -46,7 +50,9 @@ def test_a_handler_that_does_not_run_or_is_of_another_module_has_not_asked(origi
     player.reply("legs/2", 2)
     player.request("legs/1", headers.Suspend, TaskId(1), origin=origin)
     player.request("user", headers.Suspend, TaskId(1), resume=True, origin=1)
-    assert [entry.cause.origin for entry in player.entries[-2:] if isinstance(entry.cause, Request)] == [0, 0]
+    assert [
+        entry.cause.origin for entry in player.entries[-2:] if isinstance(entry.cause, Request)
+    ] == [0, 0]
 
 
 def recovering() -> tuple[Player, int, int]:
@@ -109,7 +115,9 @@ def test_timers_that_are_due_at_the_same_event_are_entries_of_their_own() -> Non
     assert [entry.number for entry in new] == list(range(new[0].number, new[0].number + 3))
 
 
-def test_a_connection_that_breaks_one_that_comes_and_bytes_that_are_no_message_are_causes_too() -> None:
+def test_a_connection_that_breaks_one_that_comes_and_bytes_that_are_no_message_are_causes_too() -> (
+    None
+):
     player = robot()
     player.garbage("user")
     player.garbage("nobody")

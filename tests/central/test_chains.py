@@ -1,4 +1,6 @@
-"""Limits of endless chains: listeners of wiretaps that send what they tap, and tasks under tasks."""
+"""Limits of endless chains: listeners of wiretaps that send what they tap, and tasks under
+tasks.
+"""
 
 import logging
 from typing import Any
@@ -26,12 +28,19 @@ def tapped(message: str, condition: Condition) -> Player:
     return player
 
 
-@pytest.mark.parametrize("message", ["command move", "inform move", "broadcast move", "query move", "goal move"])
-@pytest.mark.parametrize("condition", [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.AFTER_HANDLED])
+@pytest.mark.parametrize(
+    "message", ["command move", "inform move", "broadcast move", "query move", "goal move"]
+)
+@pytest.mark.parametrize(
+    "condition", [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.AFTER_HANDLED]
+)
 def test_a_listener_that_sends_what_it_taps_is_stopped(message: str, condition: Condition) -> None:
     player = tapped(message, condition)
     told = player.send("user", "move")
-    while not (refused := [one for one in told if isinstance(one, headers.Refused)]) and player.time < 100:
+    while (
+        not (refused := [one for one in told if isinstance(one, headers.Refused)])
+        and player.time < 100
+    ):
         for legs in player.delivered("legs/1"):
             player.reply("legs/1", legs)
         note = player.delivered("note/1")[0]
@@ -46,17 +55,23 @@ def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
     player = tapped("variable mode", Condition.WHILE_HANDLING)
     player.event(LimitsSet(player.time, 1 << 20, 1, 10))
     player.set_variable("user", "mode", 1)
-    (refused,) = player.request("note", headers.SetVariable, "mode", player.delivered("note/1")[0], body=b"\x01")
+    (refused,) = player.request(
+        "note", headers.SetVariable, "mode", player.delivered("note/1")[0], body=b"\x01"
+    )
     assert refused.refusal is Refusal.OVERLOAD
 
 
 def test_the_daemon_has_the_same_limits_as_the_core() -> None:
     defaults = {option.name: option.default for option in command.params}
     budget = Player().central.budget
-    assert (budget.tap_depth, budget.task_depth) == (defaults["tap_depth"], defaults["task_depth"]) == (8, 20_000)
+    assert (
+        (budget.tap_depth, budget.task_depth)
+        == (defaults["tap_depth"], defaults["task_depth"])
+        == (8, 20_000)
+    )
 
 
-# --- A task that fails again and again is not retried for ever -------------------------------------------------------
+# --- A task that fails again and again is not retried for ever ------------------------------------
 
 
 def begun(maximum: int = 0, failure: str = "slip") -> Player:
@@ -80,7 +95,9 @@ def test_retries_end_at_a_default_and_the_search_continues() -> None:
         player.reply("expert/1")
     assert (answer.refusal, len(player.facts(Retried))) == (Refusal.OVERLOAD, MOST_ATTEMPTS - 1)
     assert "stop" in [
-        one.message for one in player.fail("expert/1", "handler error") if isinstance(one, headers.Deliver)
+        one.message
+        for one in player.fail("expert/1", "handler error")
+        if isinstance(one, headers.Deliver)
     ]
 
 
@@ -88,7 +105,11 @@ def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
     player = begun(failure="")
     while not isinstance(retry(player), headers.Refused):
         player.reply("expert/1")
-    called = [one.message for one in player.fail("expert/1", "handler error") if isinstance(one, headers.Deliver)]
+    called = [
+        one.message
+        for one in player.fail("expert/1", "handler error")
+        if isinstance(one, headers.Deliver)
+    ]
     assert called == ["stop"]
 
 

@@ -27,7 +27,10 @@ def lock(player: Player, connection: str, *, reserve: bool = False) -> int:
 
 
 def is_granted(player: Player, connection: str, number: int) -> bool:
-    return any(isinstance(one, headers.Answer) and one.number == number for one, _ in player.inbox[connection])
+    return any(
+        isinstance(one, headers.Answer) and one.number == number
+        for one, _ in player.inbox[connection]
+    )
 
 
 CLIENTS = ("one", "two", "three")
@@ -37,7 +40,9 @@ OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "relea
 @given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 7)), max_size=60))
 @settings(max_examples=50)
 def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -> None:
-    """The invariants are looked at after each event; in the end all is handled, and the journal says nothing else."""
+    """The invariants are looked at after each event; in the end all is handled, and the journal
+    says nothing else.
+    """
     player, made = Player(), 0
     wanted: list[tuple[str, int]] = []
     for client in ("user", *CLIENTS):

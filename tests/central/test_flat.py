@@ -1,8 +1,10 @@
-"""What an event costs does not grow with the tree: whatever can be asked takes as many steps deep down, under a very wide
-task and beside many monitors, taps, waits and kept tasks as where there are few. Steps are lines of central's code.
+"""What an event costs does not grow with the tree: whatever can be asked takes as many steps deep
+down, under a very wide task and beside many monitors, taps, waits and kept tasks as where there are
+few. Steps are lines of central's code.
 
-What one call of C looks through is one step here. What looks at every task by its nature is not here: the kill,
-suspension and retry of what has many under it. A failure looks for exception handlers up to the root (decision 112).
+What one call of C looks through is one step here. What looks at every task by its nature is not
+here: the kill, suspension and retry of what has many under it. A failure looks for exception
+handlers up to the root (decision 112).
 """
 
 import re
@@ -20,7 +22,9 @@ import tca_central
 HERE = str(Path(tca_central.__file__).parent)
 FEW, MANY = 15, 200
 LEEWAY = 120
-"""Steps more that are no growth: of sweeps that come after so many events, and of a heap's logarithm."""
+"""Steps more that are no growth: of sweeps that come after so many events, and of a heap's
+logarithm.
+"""
 
 START = """
     module planner handles goal walk
@@ -48,12 +52,17 @@ class Robot(Transcript):
 
     def do(self, text: str) -> None:
         for line in filter(None, map(str.strip, text.splitlines())):
-            said = self.play(line.format(at=self.at, new=self.newest, number=self.player.central.tree.newest))
+            said = self.play(
+                line.format(at=self.at, new=self.newest, number=self.player.central.tree.newest)
+            )
             assert not re.search("refused|ignored", said), f"{line}: {said}"
 
 
 WORLDS: dict[str, tuple[str, str]] = {
-    "deep": ("", "planner: goal walk under {at} from outside\nplanner/1: reply"),  # and what follows is under that
+    "deep": (
+        "",
+        "planner: goal walk under {at} from outside\nplanner/1: reply",
+    ),  # and what follows is under that
     "wide": ("", "planner: command move under {at} from outside flags NONE"),
     "wide above": ("", "other: command move flags NONE"),
     "in sequence": ("", "planner: command move under {at} from outside"),
@@ -69,7 +78,9 @@ WORLDS: dict[str, tuple[str, str]] = {
 
 ROUNDS = {
     title: commands
-    for title, *commands in map(str.splitlines, Path(__file__).with_name("rounds.txt").read_text().split("\n\n"))
+    for title, *commands in map(
+        str.splitlines, Path(__file__).with_name("rounds.txt").read_text().split("\n\n")
+    )
 }
 
 
@@ -101,7 +112,9 @@ class Steps:
 
 
 def cost(world: str, size: int) -> dict[str, int]:
-    """The steps of each round; the second of three times, so that what is made once counts little."""
+    """The steps of each round; the second of three times, so that what is made once counts
+    little.
+    """
     robot, steps, (once, each) = Robot(), Steps(), WORLDS[world]
     robot.do(once)
     for _ in range(size):

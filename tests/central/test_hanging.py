@@ -1,4 +1,6 @@
-"""Handlers that do not return though nobody waits for them: their slots are given up where they say so."""
+"""Handlers that do not return though nobody waits for them: their slots are given up where they say
+so.
+"""
 
 import pytest
 from central.player import Player, point
@@ -43,7 +45,9 @@ def told(player: Player, connection: str) -> list[object]:
     return [header for header, _ in player.inbox[connection]]
 
 
-def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_next(player: Player) -> None:
+def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_next(
+    player: Player,
+) -> None:
     first, second = player.task("user", "move"), player.task("user", "move")
     waiting = headers.AwaitPoint(player.number("user"), point(first, Moment.END_ACHIEVING))
     player.receive("user", waiting)

@@ -1,4 +1,6 @@
-"""What a client may not say, and what becomes of it: names that steer a terminal, numbers out of this world, long texts."""
+"""What a client may not say, and what becomes of it: names that steer a terminal, numbers out of
+this world, long texts.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -58,7 +60,12 @@ def test_no_name_steers_a_terminal(player: Player, name: str) -> None:
         assert isinstance(answer, Refused), header
         assert answer.refusal is Refusal.PROTOCOL
         assert answer.text.isprintable()
-    for said in (hello(module=name), hello(resource=name), hello(process=name), hello(incarnation=name)):
+    for said in (
+        hello(module=name),
+        hello(resource=name),
+        hello(process=name),
+        hello(incarnation=name),
+    ):
         (answer,) = player.receive("new", said)
         assert answer.text.isprintable()
         assert isinstance(answer, Refused), said
@@ -103,10 +110,13 @@ def test_a_body_that_is_too_long_is_refused_with_both_sizes(player: Player) -> N
     body = bytes(Limit.BODY + 1)
     (answer,) = player.request("user", headers.Send, "note", body=body)
     assert (
-        answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed: send a reference to the data instead"
+        answer.text
+        == "a body of 8,388,609 bytes; at most 8,388,608 are allowed: send a reference to the data instead"
     )
     assert not player.facts(Dropped)
-    assert isinstance(player.request("user", headers.Send, "note", body=body[1:])[-1], headers.Deliver | Accepted)
+    assert isinstance(
+        player.request("user", headers.Send, "note", body=body[1:])[-1], headers.Deliver | Accepted
+    )
 
 
 def test_a_handler_whose_answer_is_too_long_fails_and_its_sender_is_told(player: Player) -> None:
@@ -118,14 +128,23 @@ def test_a_handler_whose_answer_is_too_long_fails_and_its_sender_is_told(player:
     assert any(isinstance(answer, headers.Deliver) for answer in answers)  # the slot goes on
 
 
-def test_who_names_the_entrance_of_another_gets_its_messages_through_central(player: Player) -> None:
+def test_who_names_the_entrance_of_another_gets_its_messages_through_central(
+    player: Player,
+) -> None:
     player.module("map", "query where", direct=True)
     player.module("thief", "query what", direct=False)
     there = Entrance("ipc:///map/1", "another key")
     player.receive(
-        "thief/2", headers.Hello(1, headers.PROTOCOL_VERSION, "thief", "run of thief", 2, "thief", entrance=there)
+        "thief/2",
+        headers.Hello(
+            1, headers.PROTOCOL_VERSION, "thief", "run of thief", 2, "thief", entrance=there
+        ),
     )
-    owners = [one.module.name for one in player.central.registry.connections.values() if one.entrance is not None]
+    owners = [
+        one.module.name
+        for one in player.central.registry.connections.values()
+        if one.entrance is not None
+    ]
     assert owners == ["map"]
 
 
@@ -142,10 +161,18 @@ def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player
     assert [one["name"] for one in load["waits"]] == ["note"]
 
 
-@pytest.mark.parametrize("header", [
-    Observe(0), headers.AwaitPoint(0, point(1, Moment.END_ACHIEVING)), headers.GetVariable(0, "mode"),
-    headers.Lock(0, "legs"), headers.WaitUntilHandled(0, ["move"]), headers.Send(0, "where"),
-], ids=lambda header: type(header).__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "header",
+    [
+        Observe(0),
+        headers.AwaitPoint(0, point(1, Moment.END_ACHIEVING)),
+        headers.GetVariable(0, "mode"),
+        headers.Lock(0, "legs"),
+        headers.WaitUntilHandled(0, ["move"]),
+        headers.Send(0, "where"),
+    ],
+    ids=lambda header: type(header).__name__,
+)
 def test_a_request_that_waits_needs_a_number(header: Any) -> None:
     player = Player.of("legs: command move, query where, variable mode", "user")
     player.send("user", "move")
@@ -162,23 +189,35 @@ def test_polling_monitor_is_refused_when_its_time_is_none(option: str, seconds: 
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
     (answer,) = player.send(
-        "user", "watch", watch=msgspec.structs.replace(WatchOptions(period=1.0), **{option: seconds})
+        "user",
+        "watch",
+        watch=msgspec.structs.replace(WatchOptions(period=1.0), **{option: seconds}),
     )
     assert isinstance(answer, Refused)
     assert answer.refusal is Refusal.PROTOCOL
 
 
-# --- Inputs that no central has written: they are none, or lead to nothing -------------------------------------------
+# --- Inputs that no central has written: they are none, or lead to nothing ------------------------
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, 1e300])
 @pytest.mark.parametrize(
-    "at", [Tick, lambda it: DiskSpace(it, True), lambda it: LimitsSet(it, 1, 1, 1),
-           lambda it: Restarted(1.0, it, 10.0), lambda it: Restarted(1.0, 0.0, it)],
+    "at",
+    [
+        Tick,
+        lambda it: DiskSpace(it, True),
+        lambda it: LimitsSet(it, 1, 1, 1),
+        lambda it: Restarted(1.0, it, 10.0),
+        lambda it: Restarted(1.0, 0.0, it),
+    ],
     ids=["tick", "disk space", "limits", "away", "grace"],
-)  # fmt: skip
-def test_an_input_with_a_time_that_is_none_is_no_input(at: Callable[[float], Input], seconds: float) -> None:
-    """A monitor that is to test every second would test for ever; a journal with NaN would never equal itself."""
+)
+def test_an_input_with_a_time_that_is_none_is_no_input(
+    at: Callable[[float], Input], seconds: float
+) -> None:
+    """A monitor that is to test every second would test for ever; a journal with NaN would never
+    equal itself.
+    """
     with pytest.raises(msgspec.ValidationError):
         msgspec.msgpack.decode(msgspec.msgpack.encode(at(seconds)), type=Input)
 

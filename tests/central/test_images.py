@@ -40,7 +40,9 @@ TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
 
 
 class TwinPlayer(Player):
-    """Each event happens to a second central, too, which comes from an image: a new one after so many events."""
+    """Each event happens to a second central, too, which comes from an image: a new one after so
+    many events.
+    """
 
     every = 9
 
@@ -108,7 +110,10 @@ def test_an_old_image_is_as_good_as_a_new_one(player: type[TwinPlayer]) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=[pytest.mark.soak] if number % 4 else []) for number, path in enumerate(TRANSCRIPTS)],
+    [
+        pytest.param(path, marks=[pytest.mark.soak] if number % 4 else [])
+        for number, path in enumerate(TRANSCRIPTS)
+    ],
     ids=lambda path: path.stem,
 )
 def test_each_story_goes_on_after_an_image(path: Path) -> None:
@@ -121,9 +126,13 @@ def test_each_story_goes_on_after_an_image(path: Path) -> None:
 
 @pytest.mark.soak
 def test_no_order_depends_on_hashes(tmp_path: Path) -> None:
-    """Two processes that hash otherwise write the same bytes, and what one has written the other goes on with."""
+    """Two processes that hash otherwise write the same bytes, and what one has written the other
+    goes on with.
+    """
     seed, image = 7, tmp_path / "image"
-    paths = os.pathsep.join(path for path in sys.path if "pytest-of-" not in path)  # there lie files of other tests
+    paths = os.pathsep.join(
+        path for path in sys.path if "pytest-of-" not in path
+    )  # there lie files of other tests
     mine, told = lived_apart.live(seed, None)
     image.write_bytes(mine)
     for number in (1, 2):
@@ -163,7 +172,12 @@ def test_what_several_share_is_one_again() -> None:
     life = Life()
     life.go_on(seed=1, events=150)
     central = decode(encode(life.central))
-    assert central.facts is central.agenda._facts is central.agenda.holds._facts is central.dispatcher._facts
+    assert (
+        central.facts
+        is central.agenda._facts
+        is central.agenda.holds._facts
+        is central.dispatcher._facts
+    )
     assert central.dispatcher._suspects is central.suspects
     assert central.dispatcher._out is central
     assert central.tree is central.agenda.tree
@@ -188,14 +202,28 @@ def test_each_class_of_values_comes_back() -> None:
     ]
     values += [*Role, *Outcome, *Due, *MessageClass, Flags(3)]
     values += [tuple(range(length)) for length in range(12)] + [(1, ("a", ("b",)))]
-    values += [None, True, 1, 1.0, 0.0, -0.0, float("inf"), 1 << 200, -1 << 70, "1", b"1", "é" * 300, b"\0" * 300]
+    values += [
+        None,
+        True,
+        1,
+        1.0,
+        0.0,
+        -0.0,
+        float("inf"),
+        1 << 200,
+        -1 << 70,
+        "1",
+        b"1",
+        "é" * 300,
+        b"\0" * 300,
+    ]
     values += [[], [1, [2]], {}, {1: {"a": ()}}, deque([1, None]), OrderedDict(b=1, a=2)]
     central.facts.extend(values)
     again = decode(encode(central)).facts
     assert [(type(one), repr(one)) for one in again] == [(type(one), repr(one)) for one in values]
 
 
-# --- what can't be written -------------------------------------------------------------------------------------------
+# --- what can't be written ------------------------------------------------------------------------
 
 
 def test_what_an_image_cannot_hold_is_named_with_the_way_to_it() -> None:
@@ -224,14 +252,27 @@ def test_each_class_of_the_state_lists_its_attributes() -> None:
 
 def test_only_classes_of_the_state_are_found_by_name() -> None:
     state = Player.of("planner: goal walk", "user").central
-    for thing in (state, state.tree.root, state.tree.root.message.format, Role.NONE, Verdict("gone")):
+    for thing in (
+        state,
+        state.tree.root,
+        state.tree.root.message.format,
+        Role.NONE,
+        Verdict("gone"),
+    ):
         shape = shape_of(thing)
         assert shape is not None
         assert shape_named(shape.name) == shape
     for name in (
-        "os.system", "tca_central.core.partial", "tca_central.core.State", "tca_central.image.decoder.Central", "x", "",
-        "tca_central.shell.server.Server", "tca_central.core.HANDLERS", "tca_central.errors.ImageError",
-    ):  # fmt: skip
+        "os.system",
+        "tca_central.core.partial",
+        "tca_central.core.State",
+        "tca_central.image.decoder.Central",
+        "x",
+        "",
+        "tca_central.shell.server.Server",
+        "tca_central.core.HANDLERS",
+        "tca_central.errors.ImageError",
+    ):
         assert shape_named(name) is None, name
 
 
@@ -243,7 +284,7 @@ def test_no_image_is_taken_while_a_look_for_deadlocks_goes_on() -> None:
         encode(central)
 
 
-# --- what can't be read ----------------------------------------------------------------------------------------------
+# --- what can't be read ---------------------------------------------------------------------------
 
 
 def image() -> bytes:
@@ -263,7 +304,13 @@ def test_damaged_bytes_are_told_as_such() -> None:
         bad[dice.randrange(start, len(good))] ^= 1 << dice.randrange(8)
         with pytest.raises(ImageError):
             decode(bytes(bad))
-    for foreign in (b"\n" * 99, b"tca image\n", b"tca image 1\n", good + b".", b"\x80\x04K\x01." * 20):
+    for foreign in (
+        b"\n" * 99,
+        b"tca image\n",
+        b"tca image 1\n",
+        good + b".",
+        b"\x80\x04K\x01." * 20,
+    ):
         with pytest.raises(ImageError):
             decode(foreign)
 

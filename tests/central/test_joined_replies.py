@@ -1,4 +1,6 @@
-"""A slot says with one header that several handlers have returned: each counts as if it had been said alone."""
+"""A slot says with one header that several handlers have returned: each counts as if it had been
+said alone.
+"""
 
 import pytest
 from central.player import Player
@@ -52,12 +54,18 @@ def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
 def test_what_is_wrong_with_one_reply_does_not_lose_the_others(player: Ears) -> None:
     said = say(player, (1, 0.1, 0.0), (99, 0.1, 0.0), (1, 0.1, 0.0), (2, 0.1, 0.0))
     assert [fact.id for fact in player.facts(Returned)] == [1, 2]
-    assert len(player.facts(RequestRefused)) == len([one for one in said if isinstance(one, headers.Refused)]) == 2
+    assert (
+        len(player.facts(RequestRefused))
+        == len([one for one in said if isinstance(one, headers.Refused)])
+        == 2
+    )
 
 
 @pytest.mark.parametrize("body", [b"", b"\xc0\xc0\xc0"])
 def test_a_body_of_another_size_than_the_replies_is_refused(player: Ears, body: bytes) -> None:
-    player.receive("ear/1", headers.Replies([EndedRun(1, 0.0, 0.0), EndedRun(2, 0.0, 0.0, 2)]), body)
+    player.receive(
+        "ear/1", headers.Replies([EndedRun(1, 0.0, 0.0), EndedRun(2, 0.0, 0.0, 2)]), body
+    )
     assert not player.facts(Returned)
     assert player.delivered("ear/1") == [1]
 
@@ -87,8 +95,15 @@ def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
 
 
 @pytest.mark.parametrize("wrong", [1e300, float("inf"), float("nan"), -5.0])
-def test_no_run_lies_before_what_came_before_it_or_in_the_future(player: Ears, wrong: float) -> None:
-    queued = {fact.id: entry.time for entry in player.entries for fact in entry.facts if isinstance(fact, Queued)}
+def test_no_run_lies_before_what_came_before_it_or_in_the_future(
+    player: Ears, wrong: float
+) -> None:
+    queued = {
+        fact.id: entry.time
+        for entry in player.entries
+        for fact in entry.facts
+        if isinstance(fact, Queued)
+    }
     say(player, (1, wrong, 0.0), (2, 0.0, wrong), (3, wrong, wrong), begun=abs(wrong))
     over = 0.0
     for number, (began, ended) in enumerate(times(player), 1):

@@ -51,7 +51,9 @@ def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -
     assert [type(answer) for answer in answers] == [headers.Answer]  # nobody could be asked
 
 
-def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_queries_and_informs_that_nobody_handles_are_bounded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("user")
     player.declare("user", "query where", "inform note")
@@ -62,7 +64,9 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
     assert len(player.facts_of("dropped")) == 1
 
 
-def test_who_wants_to_know_is_refused_what_would_be_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_wants_to_know_is_refused_what_would_be_dropped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("map: inform note, broadcast pose", "user")
     answers = [player.send("user", "note")[-1] for _ in range(4)]
@@ -95,11 +99,17 @@ def tell(player: Player, message: str) -> None:
 
 
 def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here messages of another kind, which are tasks: they are never turned away, and fill it beyond the limit."""
+    """Here messages of another kind, which are tasks: they are never turned away, and fill it
+    beyond the limit.
+    """
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("map: command survey, query where, inform note, multi-query all", "user")
-    first, second, *_ = [player.task("user", "survey", flags=Flags.NONE, priority=-1) for _ in range(4)]
-    busy = WaitFor(WaitKind.RESOURCE, module="map", because=(WaitFor(WaitKind.RUNNING, first, "survey"),))
+    first, second, *_ = [
+        player.task("user", "survey", flags=Flags.NONE, priority=-1) for _ in range(4)
+    ]
+    busy = WaitFor(
+        WaitKind.RESOURCE, module="map", because=(WaitFor(WaitKind.RUNNING, first, "survey"),)
+    )
     full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
     (refused,) = player.send("user", "where")
     assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
@@ -109,7 +119,9 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
     assert [failed.text for failed in player.facts_of("failed")] == [full]
 
 
-def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
     player = Player.of("map: query where", "user")
     player.request("user", headers.Lock, "map")
@@ -172,7 +184,9 @@ def test_void_entries_of_a_queue_do_not_pile_up() -> None:
     assert len(resource._queue._heap) < 100
 
 
-def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     player = Player()
     monkeypatch.setattr("tca_central.model.memory.REMEMBERED_OUTCOMES", 3)
     player.module("legs", "command move")
@@ -195,7 +209,9 @@ def test_a_pending_limit_is_no_negative_number() -> None:
     assert player.facts_of("handler") == []
 
 
-def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     player = Player.of("user")
     player.declare("user", "query where", "command move")
     declared = MessageFormat("check", MessageClass.POINT_MONITOR, ANY, "", ["where", "move"])
@@ -204,11 +220,16 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monke
     player.task("user", "check")
     (failed,) = player.facts_of("failed")
     text = "0 messages wait for a module that handles where; from 0 on no more are let in"
-    assert (failed.failure, failed.text) == ("overload", f"its condition 'where' could not be asked: {text}")
+    assert (failed.failure, failed.text) == (
+        "overload",
+        f"its condition 'where' could not be asked: {text}",
+    )
     assert not player.central.tree.tasks
 
 
-def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(keeping, "MOST_KEPT", 3)
     player = Player.of("legs: command move", "user")
     for _ in range(3):
@@ -252,7 +273,10 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
         player.request("user", headers.Deadline, end, 1e6)
         player.request("user", headers.Kill, TaskId(task), "", Scope.TASK, None, 1e6)
     text = f"1000 kills, deadlines and delays lie ahead of task {task} 'move' already"
-    for header in (headers.Deadline(0, end, 1.0), headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0)):
+    for header in (
+        headers.Deadline(0, end, 1.0),
+        headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0),
+    ):
         (refused,) = player.receive("user", header)
         assert refused.text == text
     player.reply("legs/1")
@@ -265,7 +289,11 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
 def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -> None:
     """However many there are, and however deep in one another."""
     player = Player.of("legs: command move", check=False)
-    player.module("expert", *(f"exception handler recover {one}" for one in range(number)), capacity=8 * number + 1)
+    player.module(
+        "expert",
+        *(f"exception handler recover {one}" for one in range(number)),
+        capacity=8 * number + 1,
+    )
     player.module("user")
     for one in range(number):
         attachment = Attachment("", f"recover {one}")
@@ -301,18 +329,25 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
 def test_a_point_is_one_moment(moment: int) -> None:
     player = Player.of("legs: command move", "user")
     where = point(player.task("user", "move"), Moment(moment))
-    for header in (headers.AwaitPoint(player.number("user"), where), headers.Deadline(player.number("user"), where, 1)):
+    for header in (
+        headers.AwaitPoint(player.number("user"), where),
+        headers.Deadline(player.number("user"), where, 1),
+    ):
         (refused,) = player.receive("user", header)
         assert refused.text == f"{moment} is not a moment: give one bit of 1 to 32"
 
 
-def test_of_locks_that_were_taken_away_only_so_many_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_locks_that_were_taken_away_only_so_many_are_remembered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
     player = Player.of("legs: command move", "user", "operator")
     for _ in range(5):
         player.request("user", headers.Lock, "legs")
         player.request("operator", headers.Unlock, "legs")
-    (user,) = [one for one in player.central.registry.connections.values() if one.module.name == "user"]
+    (user,) = [
+        one for one in player.central.registry.connections.values() if one.module.name == "user"
+    ]
     assert len(user.lost_claims) == 3
 
 
@@ -349,7 +384,7 @@ def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None
     assert why in refused.text
 
 
-# --- While the disk of the journal is nearly full no new task is taken; all else goes on -----------------------------
+# --- While the disk of the journal is nearly full no new task is taken; all else goes on ----------
 
 
 def test_no_task_is_taken_before_there_is_room() -> None:
@@ -357,7 +392,10 @@ def test_no_task_is_taken_before_there_is_room() -> None:
     running = player.task("user", "move")
     player.event(DiskSpace(player.time, is_low=True))
     (refused,) = player.send("user", "move")
-    assert refused.text == "the disk of central's journal is nearly full: no command is taken before there is room"
+    assert (
+        refused.text
+        == "the disk of central's journal is nearly full: no command is taken before there is room"
+    )
     player.reply("legs/1", running)
     player.send("user", "where")
     assert any(isinstance(one, headers.Deliver) for one, _ in player.inbox["legs/1"])

@@ -1,5 +1,5 @@
-"""Random lives in which clients and handlers change tasks' states: invariants hold, all ends, and what observers see is
-what the tables say.
+"""Random lives in which clients and handlers change tasks' states: invariants hold, all ends, and
+what observers see is what the tables say.
 """
 
 from collections import defaultdict
@@ -45,7 +45,9 @@ class JudgedLife(LifeOfStates):
                 assert task.body == followed.goal, (str(task), self.asked)
 
     def note(self, until: int) -> None:
-        self.reference.note(fact for entry in self.player.entries[self.read : until] for fact in entry.facts)
+        self.reference.note(
+            fact for entry in self.player.entries[self.read : until] for fact in entry.facts
+        )
         self.read = until
 
     def judge_what_was_seen(self) -> None:
@@ -65,11 +67,14 @@ class JudgedLife(LifeOfStates):
                 ways = [
                     one.name
                     for one in task.cycle.transitions
-                    if (one.source, one.target) == (task.state, end.state) and (one.effect is Effect.STOP) is is_kill
+                    if (one.source, one.target) == (task.state, end.state)
+                    and (one.effect is Effect.STOP) is is_kill
                 ]
                 if end.outcome is Outcome.RESOLVED:
                     ways = [str(end.outcome)]
-                assert end.transition in (ways or (["killed"] if is_kill else ["completed", "failed"]))
+                assert end.transition in (
+                    ways or (["killed"] if is_kill else ["completed", "failed"])
+                )
             assert [(one.transition, one.state, one.serial) for one in told] == task.changes
 
 
@@ -84,7 +89,9 @@ def end(life: LifeOfStates) -> None:
     life.player.receive("user", headers.GiveUp(life.observing))
     end_everything(life)
     assert not life.central.dispatcher.running
-    assert not any(connection.outstanding for connection in life.central.registry.connections.values())
+    assert not any(
+        connection.outstanding for connection in life.central.registry.connections.values()
+    )
 
 
 def judged(seed: int, events: int) -> None:

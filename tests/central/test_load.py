@@ -1,4 +1,6 @@
-"""What central tells of its load: counters that only grow, and who waits longest, for what, how long."""
+"""What central tells of its load: counters that only grow, and who waits longest, for what, how
+long.
+"""
 
 from typing import Any
 
@@ -28,7 +30,9 @@ def message(told: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
-    return [(waiter_in_words(one), several_in_words(one.waits), one.seconds) for one in told["waits"]]
+    return [
+        (waiter_in_words(one), several_in_words(one.waits), one.seconds) for one in told["waits"]
+    ]
 
 
 def test_the_longest_waits_come_first() -> None:
@@ -45,7 +49,11 @@ def test_the_longest_waits_come_first() -> None:
         ("dance {2}", "for a module that handles dance", 14.0),
         (f"step {{{first + 1}}} and 1 more", f"for legs, busy with step {{{first}}}", 12.0),
         ("where {6}", "for user, busy with where {1}", 10.0),
-        ("module other", "for the reply to where {6} (it is queued for user, busy with where {1})", 10.0),
+        (
+            "module other",
+            "for the reply to where {6} (it is queued for user, busy with where {1})",
+            10.0,
+        ),
     ]
     assert resource(told, "legs")["oldest"] == 12.0
 
@@ -74,7 +82,7 @@ def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all
     assert told["looked_at"] == told["tasks"]
 
 
-# --- Brief waits are no deadlocks, but waits; who gives up is told why there was no answer yet -----------------------
+# --- Brief waits are no deadlocks, but waits; who gives up is told why there was no answer yet ----
 
 
 @pytest.fixture
@@ -94,7 +102,11 @@ def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
     assert bool(robot.facts(RequestRefused)) is not brief
     told = load(robot.central)
     assert (
-        ("look {2} in eyes", "for the reply to where {3} (it is queued for map, busy with where {1})", 10.0)
+        (
+            "look {2} in eyes",
+            "for the reply to where {3} (it is queued for map, busy with where {1})",
+            10.0,
+        )
         in waits(told)
     ) is brief
     assert resource(told, "eyes")["blocked"] == brief

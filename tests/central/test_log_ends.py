@@ -1,4 +1,6 @@
-"""What a kill, a power cut or a full disk leaves at the ends of central's logs: the next starts mend it (decision 102)."""
+"""What a kill, a power cut or a full disk leaves at the ends of central's logs: the next starts
+mend it (decision 102).
+"""
 
 import errno
 import os
@@ -22,7 +24,9 @@ from tca_wire.journal import facts
 from tca_wire.journal.frames import framed
 
 
-def live(folder: Path, number: int = 6, sync: Sync = Sync.ALWAYS, *, accept: bool = False) -> Daemon:
+def live(
+    folder: Path, number: int = 6, sync: Sync = Sync.ALWAYS, *, accept: bool = False
+) -> Daemon:
     """Start there, take some packets, be killed."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
@@ -51,7 +55,9 @@ def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return path
 
 
-def fail(monkeypatch: pytest.MonkeyPatch, name: str, after: int = 0, number: int = errno.ENOSPC) -> None:
+def fail(
+    monkeypatch: pytest.MonkeyPatch, name: str, after: int = 0, number: int = errno.ENOSPC
+) -> None:
     """Let a function of ``os`` fail, on a full disk, after some calls."""
     real, calls = getattr(os, name), count()
 
@@ -69,7 +75,9 @@ TORN = framed(b"\x01" * 50)[:-1]
 @pytest.mark.parametrize("suffix", [".tcai", ".tcaj"])
 @pytest.mark.parametrize("left", [TORN, TORN[:5], bytes(9000), b"\xce\x00\xff" * 9, b""])
 @pytest.mark.parametrize("is_segment", [False, True])
-def test_what_a_kill_leaves_stops_no_later_start(tmp_path: Path, suffix: str, left: bytes, *, is_segment: bool) -> None:
+def test_what_a_kill_leaves_stops_no_later_start(
+    tmp_path: Path, suffix: str, left: bytes, *, is_segment: bool
+) -> None:
     events = live(tmp_path).central.events
     for number in (1, 2, 3):
         newest, *following = (tmp_path / f"{number + later:08d}{suffix}" for later in range(3))
@@ -104,7 +112,9 @@ def test_damage_before_sound_inputs_is_refused_until_accepted(tmp_path: Path) ->
     whole = bytearray(inputs.read_bytes())
     whole[len(whole) // 2] ^= 1
     inputs.write_bytes(whole)
-    with pytest.raises(CentralError, match=r"00000001.tcai, byte \d+: an input is damaged, and others follow it"):
+    with pytest.raises(
+        CentralError, match=r"00000001.tcai, byte \d+: an input is damaged, and others follow it"
+    ):
         live(tmp_path)
     assert inputs.read_bytes() == whole
     live(tmp_path, accept=True)
@@ -124,7 +134,10 @@ def test_journal_ahead_of_the_inputs_is_accepted_after_a_boot(
     daemon = live(tmp_path, sync=Sync.BATCH)
     assert daemon.run is not None
     restarted = [
-        fact for entry in open_log(tmp_path) for fact in entry.facts if isinstance(fact, facts.CentralRestarted)
+        fact
+        for entry in open_log(tmp_path)
+        for fact in entry.facts
+        if isinstance(fact, facts.CentralRestarted)
     ]
     assert [(fact.may_lack, fact.aside) for fact in restarted] == [(True, daemon.run.aside)]
     assert daemon.run.aside
@@ -136,7 +149,9 @@ def test_numbers_are_skipped_after_a_start_that_failed(tmp_path: Path, boots: Pa
     """It has written its head, with the new boot, and nothing else."""
     live(tmp_path, sync=Sync.BATCH)
     boots.write_text("2")
-    (tmp_path / "00000002.tcai").write_bytes(head(tmp_path / "00000001.tcai", boot="2", is_first=False))
+    (tmp_path / "00000002.tcai").write_bytes(
+        head(tmp_path / "00000001.tcai", boot="2", is_first=False)
+    )
     assert live(tmp_path).central.tree.newest >= 1_000_000
 
 
@@ -154,12 +169,16 @@ def test_power_cut_between_two_segments_is_mended(tmp_path: Path, boots: Path) -
 
 
 @pytest.mark.parametrize("change", [{"protocol": 5}, {"version": 1}])
-def test_inputs_of_another_version_are_refused_with_advice(tmp_path: Path, change: dict[str, int]) -> None:
+def test_inputs_of_another_version_are_refused_with_advice(
+    tmp_path: Path, change: dict[str, int]
+) -> None:
     live(tmp_path)
     inputs = tmp_path / "00000001.tcai"
     new = head(inputs, central="0.4", **change)
     inputs.write_bytes(inputs.read_bytes().replace(head(inputs), new))
-    with pytest.raises(CentralError, match=r"finish the run with tca 0\.4; --fresh begins a new run"):
+    with pytest.raises(
+        CentralError, match=r"finish the run with tca 0\.4; --fresh begins a new run"
+    ):
         live(tmp_path, accept=True)
 
 
@@ -190,7 +209,9 @@ def test_half_an_image_takes_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
-def test_only_a_full_disk_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+def test_only_a_full_disk_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
     fail(monkeypatch, "write", number=number)
     with pytest.raises(CentralError) as raised:
         Daemon(tmp_path)

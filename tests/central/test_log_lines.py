@@ -10,7 +10,15 @@ from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LONGEST_LINE, LineFormatter, LogLines
 from tca_central.shell.loss_log import LossLog, loss_in
 from tca_wire.journal import facts
-from tca_wire.journal.facts import Entry, Fact, Failed, Ignored, ModuleJoined, ModuleLeft, RequestRefused
+from tca_wire.journal.facts import (
+    Entry,
+    Fact,
+    Failed,
+    Ignored,
+    ModuleJoined,
+    ModuleLeft,
+    RequestRefused,
+)
 from tca_wire.vocabulary import Dropping, Refusal
 
 HOSTILE = "\x1b]0;mine\x07\x1b[2J\nroot: all is well\r\u202e\x00" + "x" * 200_000
@@ -34,7 +42,9 @@ def log(lines: list[str]) -> logging.Logger:
     return log
 
 
-def test_an_entry_is_one_short_line_that_steers_no_terminal(log: logging.Logger, lines: list[str]) -> None:
+def test_an_entry_is_one_short_line_that_steers_no_terminal(
+    log: logging.Logger, lines: list[str]
+) -> None:
     player = Player()
     facts: list[Fact] = [
         ModuleJoined(HOSTILE, HOSTILE),
@@ -63,7 +73,9 @@ def test_a_traceback_has_lines_of_its_own(log: logging.Logger, lines: list[str])
     assert all(line.isprintable() and len(line) <= LONGEST_LINE for line in rest)
 
 
-def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(log: logging.Logger, lines: list[str]) -> None:
+def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(
+    log: logging.Logger, lines: list[str]
+) -> None:
     now = [5.0]
     limit = LineLimit(lambda: now[0])
     log.handlers[0].addFilter(limit)
@@ -77,7 +89,7 @@ def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(log: logging.Logger, l
     assert lines[-1] == "central: 100%"
 
 
-# --- Losses that come in floods: a line a second for each thing, with how many ---------------------------------------
+# --- Losses that come in floods: a line a second for each thing, with how many --------------------
 
 
 def test_a_flood_is_a_line_a_second(caplog: pytest.LogCaptureFixture) -> None:
@@ -108,14 +120,20 @@ def test_nothing_is_told_twice_and_quiet_is_forgotten(caplog: pytest.LogCaptureF
 @pytest.mark.parametrize(
     ("fact", "loss"),
     [
-        (facts.Dropped(7, "pose", "10 wait", dropping=Dropping.OVERLOAD), ("dropped 'pose'", "10 wait", 1)),
+        (
+            facts.Dropped(7, "pose", "10 wait", dropping=Dropping.OVERLOAD),
+            ("dropped 'pose'", "10 wait", 1),
+        ),
         (facts.Dropped(7, "pose", "a newer one", dropping=Dropping.DISPLACED), None),
         (facts.Dropped(7, "pose", "nobody listens"), None),
         (
             facts.LostDirectly("user", "pose", 9),
             ("module 'user' lost direct 'pose'", "its handler is too slow, left or died", 9),
         ),
-        (facts.RequestRefused("user", Refusal.OVERLOAD, "10 wait"), ("refused module 'user'", "10 wait", 1)),
+        (
+            facts.RequestRefused("user", Refusal.OVERLOAD, "10 wait"),
+            ("refused module 'user'", "10 wait", 1),
+        ),
         (facts.RequestRefused("user", Refusal.CYCLE, "it waits for itself"), None),
     ],
 )

@@ -1,4 +1,6 @@
-"""Tasks that are sent quietly: named by their requests, told of together, and refused to their senders."""
+"""Tasks that are sent quietly: named by their requests, told of together, and refused to their
+senders.
+"""
 
 from typing import Any
 
@@ -79,7 +81,9 @@ def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat()
     player = robot()
     requests = [sent_quietly(player, "user", "walk") for _ in range(TOLD_TOGETHER + 1)]
     told = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
-    assert told == [TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])]
+    assert told == [
+        TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])
+    ]
     (effect,) = player.central.handle(TellAll(player.time))
     assert effect.header == TasksMade([(requests[-1], TaskId(TOLD_TOGETHER + 1))])  # type: ignore[union-attr]
     assert player.central.handle(TellAll(player.time)) == []
@@ -112,7 +116,9 @@ NAMING: dict[str, Any] = {
 def test_what_names_a_refused_task_is_refused(name: str) -> None:
     player = robot()
     player.task("user", "walk")
-    refused = sent_quietly(player, "user", "walk", constraints=(before(point(THIS, END), point(THIS, START)),))
+    refused = sent_quietly(
+        player, "user", "walk", constraints=(before(point(THIS, END), point(THIS, START)),)
+    )
     number = player.number("user")
     (answer,) = player.receive("user", NAMING[name](number, TaskId(-refused)))
     text = f"there is no task of request {refused}: that was refused, or {REMEMBERED_TASKS} others have been sent since"
@@ -127,4 +133,4 @@ def test_the_newest_tasks_can_be_named() -> None:
         assert isinstance(answer, Accepted) == is_known
 
 
-# --- refusals that a handler may not have heard ----------------------------------------------------------------------
+# --- refusals that a handler may not have heard ---------------------------------------------------

@@ -1,4 +1,6 @@
-"""A deliberately simple reference scheduler agrees with central on what may start when, and what is next."""
+"""A deliberately simple reference scheduler agrees with central on what may start when, and what is
+next.
+"""
 
 import random
 from typing import Any
@@ -40,11 +42,15 @@ class JudgedPlayer(Player):
         self.oracle = Oracle()
 
     def event(self, event: Any) -> list[Effect]:
-        """While anybody may be in a deadlock each timer has an event of its own: what is due then and a deadlock that is
-        found then can't be told apart otherwise.
+        """While anybody may be in a deadlock each timer has an event of its own: what is due then
+        and a deadlock that is found then can't be told apart otherwise.
         """
         clock = self.central.clock
-        while (self.central.claims or self.central.blocked) and clock.next is not None and clock.next <= event.time:
+        while (
+            (self.central.claims or self.central.blocked)
+            and clock.next is not None
+            and clock.next <= event.time
+        ):
             self._judged(Tick(clock.next))
         return self._judged(event)
 
@@ -55,7 +61,9 @@ class JudgedPlayer(Player):
 
 
 class JudgedLife(Life):
-    """A life without what the oracle does not know: pending limits, variables, two timers due at the very same time."""
+    """A life without what the oracle does not know: pending limits, variables, two timers due at
+    the very same time.
+    """
 
     modules = JUDGED
     messages = [message for handled in JUDGED.values() for message in handled] + ["command later"]
@@ -120,14 +128,22 @@ def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
         )
     task = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.reply("planner1/1", task)
-    assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == ["guard", "guard"]
+    assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == [
+        "guard",
+        "guard",
+    ]
 
 
 @pytest.mark.parametrize("is_ended", [False, True])
 def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
     player = JudgedLife().player
-    for condition, listener in ((Condition.WHEN_ACHIEVED, "lift"), (Condition.WHILE_ACHIEVING, "guard")):
-        player.request("user", headers.Tap, condition, listener, "guard", body=msgspec.msgpack.encode(7))
+    for condition, listener in (
+        (Condition.WHEN_ACHIEVED, "lift"),
+        (Condition.WHILE_ACHIEVING, "guard"),
+    ):
+        player.request(
+            "user", headers.Tap, condition, listener, "guard", body=msgspec.msgpack.encode(7)
+        )
     past = player.task("user", "move")
     player.reply("legs2/1", past)
     options = WatchOptions() if is_ended else WatchOptions(until=point(past, Moment.END_ACHIEVING))
@@ -140,7 +156,9 @@ def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
 
 
 def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
-    """A task of which *module* has the handler, and whose failures *recover* hears first, then *report*."""
+    """A task of which *module* has the handler, and whose failures *recover* hears first, then
+    *report*.
+    """
     player = JudgedPlayer()
     player.module(module, message)
     player.module("expert", "exception handler recover", "exception handler report")
@@ -202,7 +220,14 @@ def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: b
     walk = player.task("user", "walk")
     guard = TaskId(player.task("user", "guard", watch=WatchOptions(), under=walk))
     set_up = player.central.tree.newest
-    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "lift", "guard", body=msgspec.msgpack.encode(7))
+    player.request(
+        "user",
+        headers.Tap,
+        Condition.BEFORE_HANDLING,
+        "lift",
+        "guard",
+        body=msgspec.msgpack.encode(7),
+    )
     if is_parent_first:
         player.reply("planner1/1", walk)
     player.request("user", headers.Retry, guard)
@@ -215,7 +240,9 @@ def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: b
 
 def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
     player = JudgedLife().player
-    busy, _, first, _ = [player.task("user", "move", flags=Flags.NONE, priority=urgent) for urgent in (0, 0, 0, 1)]
+    busy, _, first, _ = [
+        player.task("user", "move", flags=Flags.NONE, priority=urgent) for urgent in (0, 0, 0, 1)
+    ]
     watch = WatchOptions(period=10, initial_wait=True, duration=5, waited_for=True)
     player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "watch", "move", watch=watch)
     player.reply("legs2/1", busy)
@@ -258,8 +285,12 @@ def test_the_oracle_agrees_with_central_in_every_short_life(taken: Operations) -
 
 
 @given(st.integers(0, 1 << 32))
-@example(3079024226)  # in the soak's length: a kill resumes at once what a suspension took out of a queue
-@example(724652)  # in the soak's length: two monitors that began in one event are tested at the same time
+@example(
+    3079024226
+)  # in the soak's length: a kill resumes at once what a suspension took out of a queue
+@example(
+    724652
+)  # in the soak's length: two monitors that began in one event are tested at the same time
 @settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
     JudgedLife().go_on(seed, lives(400, soak=10_000))

@@ -1,4 +1,6 @@
-"""What waits to be sent: nobody gets more than he reads, and who reads nothing costs only himself."""
+"""What waits to be sent: nobody gets more than he reads, and who reads nothing costs only
+himself.
+"""
 
 from tca_central.events import ConnectionId
 from tca_central.shell.outboxes import PACKET_BYTES, Outboxes

@@ -108,8 +108,17 @@ def robot(rules: Iterable[AccessRule]) -> tuple[Player, int]:
     player = Player()
     player.check = False
     player.principals |= {"rogue": "rogue"}
-    player.event(PermissionsChanged(0.0, (AccessRule(("owner",), allowed=EVERYTHING), *rules), "a test"))
-    player.module("boss", "command move", "query where", "inform note", "exception handler rescue", "variable speed")
+    player.event(
+        PermissionsChanged(0.0, (AccessRule(("owner",), allowed=EVERYTHING), *rules), "a test")
+    )
+    player.module(
+        "boss",
+        "command move",
+        "query where",
+        "inform note",
+        "exception handler rescue",
+        "variable speed",
+    )
     task = player.task("boss", "move")
     player.receive("boss", headers.Attach(20, Attachment("", "rescue"), message="move"))
     player.receive("boss", headers.Tap(21, Condition.WHILE_HANDLING, "note", "move"))
@@ -122,17 +131,27 @@ EVERYTHING = tuple((permission, ("*",)) for permission in Permission)
 
 def is_forbidden(player: Player, header: object) -> bool:
     before = len(player.entries)
-    refused = [one.refusal for one in player.receive("rogue", header, b"\x07") if isinstance(one, Refused)]
+    refused = [
+        one.refusal for one in player.receive("rogue", header, b"\x07") if isinstance(one, Refused)
+    ]
     if Refusal.FORBIDDEN not in refused:
         return False
     changes = [fact for entry in player.entries[before:] for fact in entry.facts]
-    assert [type(fact) for fact in changes] == [facts.RequestRefused], "what is forbidden changes nothing"
+    assert [type(fact) for fact in changes] == [facts.RequestRefused], (
+        "what is forbidden changes nothing"
+    )
     return True
 
 
-def grants(needed: set[tuple[Permission, str]], allowed: Iterable[tuple[Permission, tuple[str, ...]]]) -> bool:
+def grants(
+    needed: set[tuple[Permission, str]], allowed: Iterable[tuple[Permission, tuple[str, ...]]]
+) -> bool:
     by_permission = dict(allowed)
-    return all(name in names or "*" in names for one, name in needed for names in [by_permission.get(one, ())])
+    return all(
+        name in names or "*" in names
+        for one, name in needed
+        for names in [by_permission.get(one, ())]
+    )
 
 
 SUBSETS = [subset for size in (0, 1, 5, 6) for subset in combinations(Permission, size)]
@@ -155,19 +174,27 @@ def test_what_is_not_allowed_is_forbidden_and_what_is_is_not(way: str) -> None:
         allowed = tuple((permission, WAYS[way](permission)) for permission in subset)
         for name, (ask, needed) in REQUESTS.items():
             player, task = robot([AccessRule(("rogue",), ("rogue",), allowed)])
-            assert (ATTACHED in player.central.attached, TAPPED in player.central.taps) == (True, True)
+            assert (ATTACHED in player.central.attached, TAPPED in player.central.taps) == (
+                True,
+                True,
+            )
             expected = not any(grants(one, allowed) for one in needed)
             wrong += [(subset, name)] if is_forbidden(player, ask(task)) != expected else []
             asked += 1
     assert not wrong, f"{len(wrong)} of {asked}"
 
 
-@pytest.mark.parametrize("missing", [name for name, (_, needed) in REQUESTS.items() if len(needed) == 1])
+@pytest.mark.parametrize(
+    "missing", [name for name, (_, needed) in REQUESTS.items() if len(needed) == 1]
+)
 def test_each_single_need_counts(missing: str) -> None:
     """All is allowed but one name."""
     ask, [needed] = REQUESTS[missing]
     for permission, name in needed:
-        names = {one: tuple(other for other in NAMES[one] if (one, other) != (permission, name)) for one in Permission}
+        names = {
+            one: tuple(other for other in NAMES[one] if (one, other) != (permission, name))
+            for one in Permission
+        }
         player, task = robot([AccessRule(("rogue",), ("rogue",), tuple(names.items()))])
         assert is_forbidden(player, ask(task)), (permission, name)
 
@@ -200,7 +227,7 @@ def test_nobody_answers_for_somebody_else() -> None:
         assert player.delivered("boss/1") == [task]
 
 
-# --- who may be which module -----------------------------------------------------------------------------------------
+# --- who may be which module ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -228,7 +255,9 @@ def test_who_may_be_which_module(
     player.event(PermissionsChanged(0.0, (AccessRule(keys, modules),), "a test"))
     answers = player.hello("x", module)
     assert any(isinstance(one, headers.Welcome) for one in answers) == is_let_in
-    assert [one.refusal for one in answers if isinstance(one, Refused)] == [Refusal.FORBIDDEN] * (not is_let_in)
+    assert [one.refusal for one in answers if isinstance(one, Refused)] == [Refusal.FORBIDDEN] * (
+        not is_let_in
+    )
     assert bool(player.facts(facts.ModuleJoined)) == is_let_in
 
 
@@ -245,7 +274,7 @@ def test_a_second_connection_is_the_module_that_the_first_one_is() -> None:
     assert [one.refusal for one in refused if isinstance(one, Refused)] == [Refusal.FORBIDDEN]
 
 
-# --- rules that change -----------------------------------------------------------------------------------------------
+# --- rules that change ----------------------------------------------------------------------------
 
 
 def test_new_rules_hold_for_those_who_are_there() -> None:
@@ -254,7 +283,11 @@ def test_new_rules_hold_for_those_who_are_there() -> None:
     player.receive("rogue", headers.Tap(10, Condition.WHEN_SENT, "note", "move"))
     message = player.central.registry.messages["move"]
     assert [len(message.handlers), len(message.taps)] == [2, 2]
-    player.event(PermissionsChanged(60.0, (AccessRule(("owner",), allowed=EVERYTHING), AccessRule(("rogue",)))))
+    player.event(
+        PermissionsChanged(
+            60.0, (AccessRule(("owner",), allowed=EVERYTHING), AccessRule(("rogue",)))
+        )
+    )
     assert [len(message.handlers), len(message.taps)] == [1, 1]
     assert is_forbidden(player, headers.Kill(ROGUE, TaskId(task)))
     player.event(PermissionsChanged(61.0, None))
@@ -263,14 +296,20 @@ def test_new_rules_hold_for_those_who_are_there() -> None:
 
 def test_who_is_in_no_rule_any_more_is_cut_off() -> None:
     player, _ = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
-    player.event(PermissionsChanged(60.0, (AccessRule(("owner",), allowed=EVERYTHING),), "robot.toml"))
+    player.event(
+        PermissionsChanged(60.0, (AccessRule(("owner",), allowed=EVERYTHING),), "robot.toml")
+    )
     (left,) = player.facts(facts.ModuleLeft)
     assert (left.module, left.lost) == ("rogue", True)
-    assert [(fact.rules, fact.source) for fact in player.facts(facts.PermissionsChanged)][1:] == [(1, "robot.toml")]
+    assert [(fact.rules, fact.source) for fact in player.facts(facts.PermissionsChanged)][1:] == [
+        (1, "robot.toml")
+    ]
 
 
 def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
-    """Who may handle an exception handler may do what exception handlers do: with what failed, and above it."""
+    """Who may handle an exception handler may do what exception handlers do: with what failed, and
+    above it.
+    """
     player = Player()
     player.principals |= {"medic": "medic", "medic/1": "medic"}
     medic = AccessRule(("medic",), allowed=((HANDLE, ("rescue",)),))
@@ -293,7 +332,10 @@ def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
 def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_name() -> None:
     player = Player()
     player.principals |= {"arm": "arm", "arm/1": "arm", "leg": "leg", "leg/1": "leg"}
-    arm, leg = (AccessRule((name,), (name,), ((HANDLE, (what,)),)) for name, what in (("arm", "move"), ("leg", "step")))
+    arm, leg = (
+        AccessRule((name,), (name,), ((HANDLE, (what,)),))
+        for name, what in (("arm", "move"), ("leg", "step"))
+    )
     player.event(PermissionsChanged(0.0, (AccessRule(("owner",), allowed=EVERYTHING), arm, leg)))
     player.module("arm", "command move")
     player.module("leg", "command step")
@@ -302,6 +344,8 @@ def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_nam
     task, step = player.task("boss", "move"), player.task("boss", "step", flags=Flags.NONE)
     *_, refused = player.change("leg/1", task, "result available", 5, origin=step)
     assert isinstance(refused, Refused)
-    *_, refused = player.change("boss", task, "result available", 5, origin=task)  # of a delivery that it has not
+    *_, refused = player.change(
+        "boss", task, "result available", 5, origin=task
+    )  # of a delivery that it has not
     assert isinstance(refused, Refused)
     assert isinstance(player.change("arm/1", task, "result available", 5)[-1], headers.Accepted)

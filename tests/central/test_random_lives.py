@@ -1,4 +1,6 @@
-"""Random lives of central: the invariants hold after every event, and everything comes to an end."""
+"""Random lives of central: the invariants hold after every event, and everything comes to an
+end.
+"""
 
 from central.player import Player, point
 from hypothesis import given, settings
@@ -41,7 +43,9 @@ def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> 
         places += [Place(task, ALL_ELSE) for task in tree.tasks.values() if task.watchers]
         to_come = {one for one in places if not one.task.reached & one.moment and is_unified(one)}
         ahead = {(one, other) for one in to_come for other in successors(one) if other in to_come}
-        behind = {(one, other) for other in to_come for one in all_before(tree, other) if one in to_come}
+        behind = {
+            (one, other) for other in to_come for one in all_before(tree, other) if one in to_come
+        }
         assert ahead == behind
 
 
@@ -55,16 +59,22 @@ def end_life(life: Life) -> None:
     assert not life.central.tree.tasks
     assert not life.central.dispatcher.running
     assert not life.central.collectors
-    assert not any(connection.outstanding for connection in life.central.registry.connections.values())
+    assert not any(
+        connection.outstanding for connection in life.central.registry.connections.values()
+    )
     _check_ledger(life)
     _check_watchers(life)
     _check_kept(life)
 
 
 def end_everything(life: Life) -> None:
-    """Handlers for all there is, and every handler returns: nothing may be left waiting, for there are no circles."""
+    """Handlers for all there is, and every handler returns: nothing may be left waiting, for there
+    are no circles.
+    """
     for connection in life.connections():
-        if connection != "user":  # a module that has lost its slots, but not itself, would hold what it was given
+        if (
+            connection != "user"
+        ):  # a module that has lost its slots, but not itself, would hold what it was given
             life.player.lose(connection)
     for module in MODULES:
         life.join(module)
@@ -72,7 +82,9 @@ def end_everything(life: Life) -> None:
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
     for watcher in life.watchers():
-        if not watcher.is_watcher or watcher.parent is life.central.tree.root:  # others end with what they watch over
+        if (
+            not watcher.is_watcher or watcher.parent is life.central.tree.root
+        ):  # others end with what they watch over
             life.request(headers.Kill, TaskId(watcher.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
@@ -113,8 +125,13 @@ def _check_ledger(life: Life) -> None:
         if constraint.after.task not in killed:
             one, other = constraint.before, constraint.after
             if one.task != ROOT:
-                assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
-            assert times.get((one.task, one.moment), 0.0) + constraint.delay <= times[other.task, other.moment]
+                assert reached[one.task, one.moment] <= reached[other.task, other.moment], (
+                    constraint
+                )
+            assert (
+                times.get((one.task, one.moment), 0.0) + constraint.delay
+                <= times[other.task, other.moment]
+            )
 
 
 def _check_kept(life: Life) -> None:
@@ -134,7 +151,9 @@ def _check_watchers(life: Life) -> None:
     """Whoever watches a variable has been given its newest value last."""
     value = life.central.variables.values.get("mode")
     newest = {
-        fact.module: fact.message_id for fact in life.player.facts(Delivered) if fact.id in life.copies_of("mode")
+        fact.module: fact.message_id
+        for fact in life.player.facts(Delivered)
+        if fact.id in life.copies_of("mode")
     }
     for handler in life.central.registry.messages["mode"].handlers:
         assert newest.get(handler.module.name) == (value.message_id if value else None)

@@ -1,4 +1,6 @@
-"""So many requests of clients may wait for the word of a task's handler; those that need none may be any number."""
+"""So many requests of clients may wait for the word of a task's handler; those that need none may
+be any number.
+"""
 
 import msgspec
 import pytest
@@ -46,8 +48,9 @@ def test_what_the_handler_has_to_answer_is_limited(player: Player) -> None:
     *_, refused = player.change("user", task, "nag")
     assert isinstance(refused, headers.Refused)
     assert (refused.refusal, refused.text) == (
-        Refusal.OVERLOAD, "32 requests wait for the handler of task 1 'move' already",
-    )  # fmt: skip
+        Refusal.OVERLOAD,
+        "32 requests wait for the handler of task 1 'move' already",
+    )
     player.change("legs/1", task, "hush")
     assert isinstance(player.change("user", task, "nag")[-1], headers.Accepted)
 
@@ -79,14 +82,23 @@ def test_an_observer_of_what_is_under_a_task_is_told_of_what_is_there(player: Pl
     goal = player.task("user", "tidy")
     player.task("user", "move", under=goal)
     player.observe("user", below=goal)
-    told = [msgspec.msgpack.decode(body, type=StateChange) for _, body in player.inbox["user"] if body]
+    told = [
+        msgspec.msgpack.decode(body, type=StateChange) for _, body in player.inbox["user"] if body
+    ]
     assert [(one.message, one.is_late) for one in told] == [("move", True)]
 
 
 def test_an_accepted_goal_is_one_that_the_handler_has_seen(player: Player) -> None:
     """Of a life cycle in which another update may follow before the first is answered."""
-    eager = LifeCycle("eager", [*GENERAL.transitions, Transition(
-        "update", "update requested", "update requested", Party.CLIENT, Effect.NEW_GOAL)])  # fmt: skip
+    eager = LifeCycle(
+        "eager",
+        [
+            *GENERAL.transitions,
+            Transition(
+                "update", "update requested", "update requested", Party.CLIENT, Effect.NEW_GOAL
+            ),
+        ],
+    )
     player.life_cycles["grasp"] = eager.text
     player.module("arm", "command grasp", takes=["update"])
     player.declare("user", "command grasp")
@@ -115,7 +127,9 @@ def test_a_result_of_a_handler_that_has_not_seen_a_pause_is_taken_before_it(play
 
 
 @IN_PYTHON
-def test_nobody_observes_too_many_tasks_at_once(player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_observes_too_many_tasks_at_once(
+    player: Player, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for _ in range(4):
         task = player.task("user", "walk")
     for limit in ("MOST_LATE", "MOST_LOOKED_AT"):
@@ -125,7 +139,11 @@ def test_nobody_observes_too_many_tasks_at_once(player: Player, monkeypatch: pyt
             patched.setattr(observing, limit, 3)
             (refused,) = player.observe("user")
             assert refused == headers.Refused(
-                player.numbers["user"], Refusal.OVERLOAD,
+                player.numbers["user"],
+                Refusal.OVERLOAD,
                 "there are 4 tasks: observe a message, what is under a task, or one task",
-            )  # fmt: skip
-            assert not any(isinstance(one, headers.Refused) for one in player.observe("user", task=TaskId(task)))
+            )
+            assert not any(
+                isinstance(one, headers.Refused)
+                for one in player.observe("user", task=TaskId(task))
+            )

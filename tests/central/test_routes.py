@@ -42,12 +42,16 @@ def to_words(header: Route | EntranceGone) -> str:
 def tap(player: Player) -> int:
     number = player.number("tapper")
     header = headers.Tap(number, Condition.WHEN_SENT, "heard", "height")
-    (answer,) = [one for one in player.receive("tapper", header) if isinstance(one, headers.Accepted)]
+    (answer,) = [
+        one for one in player.receive("tapper", header) if isinstance(one, headers.Accepted)
+    ]
     return answer.id
 
 
 def test_a_resource_asks_itself_through_central(player: Player) -> None:
-    """Its slot handles the question inside of its wait; and is told so, for it may be busy and central not know."""
+    """Its slot handles the question inside of its wait; and is told so, for it may be busy and
+    central not know.
+    """
     player.declare("map/1", "query height")
     (route, delivery) = player.send("map/1", "height")
     assert (to_words(route), delivery.own) == ("height to []", True)
@@ -67,7 +71,9 @@ def test_a_resource_asks_itself_through_central(player: Player) -> None:
         (headers.Register(1000, [], [HandlerFormat("walk", "map", direct=True)]), Refusal.PROTOCOL),
     ],
 )
-def test_nonsense_is_refused_and_leaves_nothing(player: Player, header: Any, refusal: Refusal) -> None:
+def test_nonsense_is_refused_and_leaves_nothing(
+    player: Player, header: Any, refusal: Refusal
+) -> None:
     player.declare("map/1", "command walk")
     player.entries.clear()
     (answer,) = player.receive("map/1", header)
@@ -78,7 +84,9 @@ def test_nonsense_is_refused_and_leaves_nothing(player: Player, header: Any, ref
 @pytest.mark.parametrize("endpoint", ["inproc://x", "ipc:///a\nb", "tcp://" + "x" * 300])
 def test_an_entrance_has_an_address(endpoint: str) -> None:
     player = Player()
-    hello = headers.Hello(1, headers.PROTOCOL_VERSION, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key"))
+    hello = headers.Hello(
+        1, headers.PROTOCOL_VERSION, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key")
+    )
     (answer,) = player.receive("map/1", hello)
     assert answer.refusal is Refusal.PROTOCOL
 
@@ -92,7 +100,7 @@ def test_nothing_is_left_of_those_who_go(player: Player) -> None:
     assert not slot.watchers
 
 
-# --- licences --------------------------------------------------------------------------------------------------------
+# --- licences -------------------------------------------------------------------------------------
 
 
 def robot() -> Player:
@@ -109,11 +117,19 @@ def robot() -> Player:
 def licences(player: Player, name: str) -> list[list[str]]:
     """By what a sender may send, of each route that it was told of."""
     routes = [header for header, _ in player.inbox[name] if isinstance(header, Route)]
-    return [[number_of(one.key, "key of map/1") or "forged" for one in route.entrances] for route in routes]
+    return [
+        [number_of(one.key, "key of map/1") or "forged" for one in route.entrances]
+        for route in routes
+    ]
 
 
 def barred(player: Player) -> list[str]:
-    return [one for header, _ in player.inbox["map/1"] if isinstance(header, Barred) for one in header.numbers]
+    return [
+        one
+        for header, _ in player.inbox["map/1"]
+        if isinstance(header, Barred)
+        for one in header.numbers
+    ]
 
 
 def test_each_sender_has_a_licence_of_its_own_and_nobody_the_key() -> None:
@@ -150,7 +166,9 @@ def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
     player.event(PermissionsChanged(62.0, None))
     player.hello("a")
     player.send("a", "height")
-    assert licences(player, "a")[-1] == ["test.3"], "a licence that was withdrawn is never given again"
+    assert licences(player, "a")[-1] == ["test.3"], (
+        "a licence that was withdrawn is never given again"
+    )
 
 
 def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:

@@ -1,4 +1,6 @@
-"""Single requests at the edges: kills of what is suspended or was never heard of, lines that break, notices, odd times."""
+"""Single requests at the edges: kills of what is suspended or was never heard of, lines that break,
+notices, odd times.
+"""
 
 import pytest
 from central.player import ANY, Player
@@ -12,7 +14,9 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Due, MessageClass
 
 
-def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_before_it_was_suspended() -> None:
+def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_before_it_was_suspended() -> (
+    None
+):
     robot = Player()
     robot.module("planner", "goal walk", capacity=2)
     robot.module("legs", "command stop")
@@ -31,7 +35,9 @@ def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_be
 @pytest.mark.parametrize("began", [6.3, 8.7, 12345.6])
 @pytest.mark.parametrize("period", [0.1, 0.02, 1 / 3])
 def test_a_monitor_tests_once_a_period_and_never_twice_at_once(began: float, period: float) -> None:
-    """To a computer 0.6 - 0.3 is less than 3 * 0.1: the next test was due at once, again and again, for ever."""
+    """To a computer 0.6 - 0.3 is less than 3 * 0.1: the next test was due at once, again and again,
+    for ever.
+    """
     player = Player.of("eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, "", parts=["seen", ""])
     player.request("user", Register, [watch])

@@ -1,4 +1,6 @@
-"""What central tells about itself, topic by topic, of a robot of which something is going on everywhere: topics.json."""
+"""What central tells about itself, topic by topic, of a robot of which something is going on
+everywhere: topics.json.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,9 @@ def robot() -> Player:
     player = Player.of("planner: goal walk, exception handler recover")
     player.module("legs", "command move", "variable mode", capacity=2, resource="feet", pending=3)
     player.module("user")
-    player.declare("user", "goal walk", "command move", "command fly", "variable mode", "query where")
+    player.declare(
+        "user", "goal walk", "command move", "command fly", "variable mode", "query where"
+    )
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slipped", "recover", 2)])
@@ -37,7 +41,9 @@ def robot() -> Player:
         "user",
         "fly",
         flags=Flags.NONE,
-        constraints=(before(point(moves[0], Moment.END_ACHIEVING), point(-1, Moment.START_HANDLING)),),
+        constraints=(
+            before(point(moves[0], Moment.END_ACHIEVING), point(-1, Moment.START_HANDLING)),
+        ),
     )
     player.task("user", "fly", flags=Flags.NONE)
     player.send("user", "where", origin=0, blocking=True)
@@ -59,7 +65,10 @@ def test_each_topic(robot: Player, rewrite: bool) -> None:
 
 
 def numbers(central: Central, task: int, relation: str, message: str = "") -> list[int]:
-    return [one["task"] for one in relatives(central, central.tree.tasks.get(TaskId(task)), relation, message)]
+    return [
+        one["task"]
+        for one in relatives(central, central.tree.tasks.get(TaskId(task)), relation, message)
+    ]
 
 
 def test_the_relatives_of_a_task(robot: Player) -> None:
@@ -67,12 +76,21 @@ def test_the_relatives_of_a_task(robot: Player) -> None:
     (walk,) = [task.id for task in central.tree.tasks.values() if task.message.name == "walk"]
     moves = [task.id for task in central.tree.tasks.values() if task.message.name == "move"]
     assert numbers(central, walk, "self") == [walk]
-    assert numbers(central, walk, "parent") == numbers(central, 999, "self") == numbers(central, walk, "kept") == []
-    assert numbers(central, walk, "children", "move") == numbers(central, walk, "descendants", "move") == moves
+    assert (
+        numbers(central, walk, "parent")
+        == numbers(central, 999, "self")
+        == numbers(central, walk, "kept")
+        == []
+    )
+    assert (
+        numbers(central, walk, "children", "move")
+        == numbers(central, walk, "descendants", "move")
+        == moves
+    )
     assert numbers(central, moves[0], "ancestors") == numbers(central, moves[0], "parent") == [walk]
 
 
-# --- what is attached: monitors wherever in the tree they are, and how many there are ----------------------------------
+# --- what is attached: monitors wherever in the tree they are, and how many there are -------------
 
 
 def told(watcher: Transcript) -> list[int]:
@@ -94,14 +112,20 @@ def monitor(watcher: Transcript, **options: Any) -> int:
     return watcher.player.task("user", "watch", watch=WatchOptions(period=1.0), **options)
 
 
-def test_monitors_are_told_however_many_tasks_are_older(watcher: Transcript, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_monitors_are_told_however_many_tasks_are_older(
+    watcher: Transcript, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(topics, "SHOWN_TASKS", 3)
     walks = [watcher.player.task("user", "walk") for _ in range(10)]
     first = monitor(watcher, under=walks[-1])
     assert told(watcher) == [first]
     more = [monitor(watcher) for _ in range(4)]
     assert told(watcher) == [first, *more[:2]]
-    assert topics.attached(watcher.player.central)["totals"] == {"exception_handlers": 0, "wiretaps": 0, "monitors": 5}
+    assert topics.attached(watcher.player.central)["totals"] == {
+        "exception_handlers": 0,
+        "wiretaps": 0,
+        "monitors": 5,
+    }
 
 
 def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
@@ -130,8 +154,13 @@ def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> N
 def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_forgotten() -> None:
     """A program that is restarted every hour attaches them to a task that lives for months."""
     robot = Transcript()
-    for line in ("module legs handles command move", "module helper handles exception handler help", "module user",
-                 "user: command move", "user: command move flags NONE"):  # fmt: skip
+    for line in (
+        "module legs handles command move",
+        "module helper handles exception handler help",
+        "module user",
+        "user: command move",
+        "user: command move flags NONE",
+    ):
         robot.play(line)
     for _ in range(100):
         robot.play("user: attach slipped->help to 1")

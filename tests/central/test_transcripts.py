@@ -1,4 +1,6 @@
-"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` writes them anew: commit only what you can explain."""
+"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` writes them anew: commit only
+what you can explain.
+"""
 
 from pathlib import Path
 

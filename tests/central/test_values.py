@@ -49,7 +49,9 @@ def test_all_values_together_are_bounded(player: Player) -> None:
         ('{"type":"string"}', False),
     ],
 )
-def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(player: Player, data: str, is_kept: bool) -> None:
+def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(
+    player: Player, data: str, is_kept: bool
+) -> None:
     player.set_variable("user", "pose", 1)
     player.receive("user", headers.Bye())
     player.module("other")

@@ -1,4 +1,6 @@
-"""Lives full of monitors whose ends others are to wait for: all that central accepts comes to an end."""
+"""Lives full of monitors whose ends others are to wait for: all that central accepts comes to an
+end.
+"""
 
 import random
 
@@ -20,12 +22,18 @@ ENDS = (Moment.END_HANDLING, Moment.END_ACHIEVING)
 
 
 class Watched:
-    """Goals and commands that never wait for a slot, monitors without bound, and a handler of all failures."""
+    """Goals and commands that never wait for a slot, monitors without bound, and a handler of all
+    failures.
+    """
 
     def __init__(self, seed: int) -> None:
         self.chance = chance = random.Random(seed)
         self.player = player = Player()
-        for name, handled in (("planner", "goal walk"), ("legs", "command move"), ("mender", "exception handler mend")):
+        for name, handled in (
+            ("planner", "goal walk"),
+            ("legs", "command move"),
+            ("mender", "exception handler mend"),
+        ):
             player.module(name, handled, capacity=12)
         player.module("user")
         player.module("eye", "query seen")
@@ -44,7 +52,9 @@ class Watched:
 
     def constraint(self, held: int) -> Constraint:
         """Most are for the end of a monitor."""
-        monitors = [task for task in self.tasks if task.is_watcher and self.chance.random() < 0.7] or self.tasks
+        monitors = [
+            task for task in self.tasks if task.is_watcher and self.chance.random() < 0.7
+        ] or self.tasks
         return before(
             point(self.chance.choice(monitors).id, self.chance.choice(ENDS)),
             point(held, self.chance.choice(list(Moment))),
@@ -62,7 +72,15 @@ class Watched:
                 under = parent.id if isinstance(parent, Task) else 0
                 flags = Flags(chance.choice([0, 0, 1, 4]))
                 watch = WatchOptions(1000) if message == "watch" else None
-                self.player.send("user", message, under=under, origin=0, flags=flags, constraints=wanted, watch=watch)
+                self.player.send(
+                    "user",
+                    message,
+                    under=under,
+                    origin=0,
+                    flags=flags,
+                    constraints=wanted,
+                    watch=watch,
+                )
             case "constrain" if task:
                 self.request(headers.Constrain, [self.constraint(task.id)])
             case "reply" if running:
@@ -74,7 +92,9 @@ class Watched:
             case "kill" if task:
                 self.request(headers.Kill, TaskId(task.id))
             case "retry" if task:
-                self.retry(chance.choice([task, *(one for one in running if one.message.name == "mend")]))
+                self.retry(
+                    chance.choice([task, *(one for one in running if one.message.name == "mend")])
+                )
 
     def reply(self, task: Task) -> None:
         assert task.slot
@@ -91,7 +111,11 @@ class Watched:
 
     def end(self) -> None:
         """All handlers return; monitors under the root are killed."""
-        tops = [task for task in self.tasks if task.is_watcher and task.parent is self.player.central.tree.root]
+        tops = [
+            task
+            for task in self.tasks
+            if task.is_watcher and task.parent is self.player.central.tree.root
+        ]
         for top in tops:
             self.request(headers.Kill, TaskId(top.id))
         while running := [one for one in self.tasks if one.slot is not None]:

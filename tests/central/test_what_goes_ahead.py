@@ -1,4 +1,6 @@
-"""Which messages a slot has ahead, and which it does not: every condition of decision 68 that is central's alone."""
+"""Which messages a slot has ahead, and which it does not: every condition of decision 68 that is
+central's alone.
+"""
 
 import logging
 
@@ -34,7 +36,9 @@ def every_handler_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def got(player: Player, slot: str) -> list[int]:
     """The deliveries that a slot was sent, ahead or not."""
-    return [header.delivery for header, _ in player.inbox[slot] if isinstance(header, headers.Deliver)]
+    return [
+        header.delivery for header, _ in player.inbox[slot] if isinstance(header, headers.Deliver)
+    ]
 
 
 def ask_three(player: Player, condition: Condition) -> None:
@@ -51,11 +55,15 @@ def test_wiretaps_that_fire_before_or_after_hold_nothing_back(condition: Conditi
     assert len(got(player, "ear/1")) == 3
     heard = len(got(player, "eye/1"))
     player.reply("ear/1")
-    assert (heard, len(got(player, "eye/1"))) == ((1, 1) if condition is Condition.WHEN_SENT else (0, 1))
+    assert (heard, len(got(player, "eye/1"))) == (
+        (1, 1) if condition is Condition.WHEN_SENT else (0, 1)
+    )
 
 
 @pytest.mark.parametrize("condition", AT_ONCE)
-def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(condition: Condition) -> None:
+def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(
+    condition: Condition,
+) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     ask_three(player, condition)
     assert len(got(player, "ear/1")) == 1
@@ -68,7 +76,11 @@ def test_a_listener_that_comes_later_calls_back_what_is_ahead(condition: Conditi
         player.send("user", "where")
     first, *others = got(player, "ear/1")
     player.request("user", headers.Tap, condition, "seen", "where")
-    recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
+    recalled = [
+        header.deliveries
+        for header, _ in player.inbox["ear/1"]
+        if isinstance(header, headers.Recall)
+    ]
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
     player.reply("ear/1", first)
@@ -91,7 +103,11 @@ def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
         player.send("user", "where")
     first, *others = got(player, "ear/1")
     player.request("ear", headers.Unregister, ["where"])
-    recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
+    recalled = [
+        header.deliveries
+        for header, _ in player.inbox["ear/1"]
+        if isinstance(header, headers.Recall)
+    ]
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
     player.reply("ear/1", first)
@@ -99,7 +115,9 @@ def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
     assert got(player, "ear/1") == [first, *others]
 
 
-def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     player = Ears.of("ear: query where", "user")
     for _ in range(5):
         player.send("user", "where")
@@ -121,9 +139,15 @@ def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
     first, *others, last = got(player, "ear/1")
     player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "seen", "where")
     player.receive("ear/1", headers.Recalled(others))
-    for delivery in (first, last, *others):  # as after a power cut in which central forgot that others were handled
+    for delivery in (
+        first,
+        last,
+        *others,
+    ):  # as after a power cut in which central forgot that others were handled
         player.reply("ear/1", delivery)
-    answered = [header.number for header, _ in player.inbox["user"] if isinstance(header, headers.Answer)]
+    answered = [
+        header.number for header, _ in player.inbox["user"] if isinstance(header, headers.Answer)
+    ]
     assert len(answered) == len(set(answered)) == 4
 
 
@@ -133,4 +157,7 @@ def test_a_slot_is_recalled_once_until_it_answers() -> None:
         player.send("user", "where")
     for condition in AT_ONCE:
         player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
-    assert len([header for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]) == 1
+    assert (
+        len([header for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)])
+        == 1
+    )

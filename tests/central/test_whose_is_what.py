@@ -1,4 +1,6 @@
-"""Nobody answers, completes, ends or gives up what is not his: others go on as if he had said nothing."""
+"""Nobody answers, completes, ends or gives up what is not his: others go on as if he had said
+nothing.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -46,7 +48,9 @@ class Town(Player):
             for line in ("legs/1", "planner/1"):
                 if self.delivered(line):
                     self.reply(line)
-            for _, number in [key for key, claim in self.central.claims.items() if claim.is_granted]:
+            for _, number in [
+                key for key, claim in self.central.claims.items() if claim.is_granted
+            ]:
                 self.request("user", headers.Release, number)
 
     def heard_by_others(self) -> dict[str, Any]:
@@ -85,7 +89,10 @@ def test_others_go_on_as_if_he_had_said_nothing(line: str) -> None:
     for header in (*thefts(), *thefts_with_answers(robbed, line)):
         robbed.time -= 1.0
         answers = robbed.receive(line, header)
-        assert all(isinstance(one, Refused | Accepted | Answer) for one in answers), (header, answers)
+        assert all(isinstance(one, Refused | Accepted | Answer) for one in answers), (
+            header,
+            answers,
+        )
     for town in (honest, robbed):
         town.end()
     assert robbed.heard_by_others() == honest.heard_by_others()
@@ -98,7 +105,10 @@ def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() ->
     town = Town()
     (delivery,) = town.delivered("planner/1")
     (answer,) = town.receive("thief/1", headers.Reply(delivery))
-    assert answer.text == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
+    assert (
+        answer.text
+        == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
+    )
     assert town.delivered("planner/1") == [delivery]
 
 
@@ -113,7 +123,7 @@ def test_nobody_asks_as_the_handler_of_another() -> None:
     assert "is not handled there" in answer.text
 
 
-# --- Whose a connection is: nobody takes over what somebody else has, whatever he knows of it ------------------------
+# --- Whose a connection is: nobody takes over what somebody else has, whatever he knows of it -----
 
 
 def player() -> Player:
@@ -128,14 +138,21 @@ def refusals(sent: list[object]) -> list[Refusal]:
 
 
 def test_a_module_joins_with_its_principal() -> None:
-    joined = [fact for entry in player().entries for fact in entry.facts if isinstance(fact, facts.ModuleJoined)]
+    joined = [
+        fact
+        for entry in player().entries
+        for fact in entry.facts
+        if isinstance(fact, facts.ModuleJoined)
+    ]
     assert [(fact.module, fact.principal) for fact in joined] == [("arm", "arm")]
 
 
 def test_nobody_takes_over_the_session_of_somebody_else() -> None:
     central = player()
     for number in range(3):
-        hello = headers.Hello(1, headers.PROTOCOL_VERSION, "arm", "run of arm", number, "arm" if number else "")
+        hello = headers.Hello(
+            1, headers.PROTOCOL_VERSION, "arm", "run of arm", number, "arm" if number else ""
+        )
         assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
     assert {one.principal for one in central.central.registry.connections.values()} == {"arm"}
     assert not any(isinstance(header, Deliver) for header, _ in central.inbox["thief"])
@@ -147,10 +164,14 @@ def test_nor_what_a_lost_connection_leaves_behind() -> None:
         central.lose(name)
     hello = headers.Hello(1, headers.PROTOCOL_VERSION, "arm", "run of arm")
     assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
-    assert any(isinstance(header, Welcome) for header in central.receive("arm", hello)), "who had it gets it back"
+    assert any(isinstance(header, Welcome) for header in central.receive("arm", hello)), (
+        "who had it gets it back"
+    )
 
 
-@pytest.mark.parametrize("said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")])
+@pytest.mark.parametrize(
+    "said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
+)
 def test_a_line_that_calls_itself_like_one_of_somebody_else_has_no_say(said: object) -> None:
     """A line can have the name of one that is gone before central has noticed that it is."""
     central = player()

@@ -1,31 +1,42 @@
-"""Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
+"""Transcripts: a story of commands, each followed by ``----`` and everything that central did about
+it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
-                [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...] [when busy BUSY] [life cycle LIFE CYCLE]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
-                        [kept] [here]
+                [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...] [when busy
+                BUSY] [life cycle LIFE CYCLE]
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed]
+                        [again] [if handled] [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
-                        [every N] [at first] [duration N] [fire every N] [until POINT] [waited for] (monitors)
-    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait POINT [here] | give up [and ask why] | bye
+                        [every N] [at first] [duration N] [fire every N] [until POINT] [waited for]
+                        (monitors)
+    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait
+        POINT [here] | give up [and ask why] | bye
     NAME: handle MESSAGE no more
-    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
-    NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
+    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise
+        FAILURE[<KIND...] on TASK
+    NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain
+        POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: take TRANSITION of TASK [with VALUE] [having seen SERIAL] [because TEXT]
     NAME: observe [TASK, MESSAGE] [below TASK] [states STATE or ...]
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT] [because TEXT]
-    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE [with ACTION] | end monitor TASK
-    NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
+    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE
+        [with ACTION] | end monitor TASK
+    NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority
+        N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
-    NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
+    NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER |
+        get VARIABLE
     line NAME of MODULE [in RESOURCE] [run INCARNATION] [direct] (a connection more)
     NAME! HEADER FIELD=JSON ... [with JSON] (any other request) | event EVENT FIELD=JSON ...
-    heard (all that each connection was sent since then) | lose NAME | garbage NAME | pass SECONDS | tree | load | waits TASK | limits LISTENERS DEPTH (in a row, and of tasks)
+    heard (all that each connection was sent since then) | lose NAME | garbage NAME | pass SECONDS |
+    tree | load | waits TASK | limits LISTENERS DEPTH (in a row, and of tasks)
 
 ``here``: the handler that NAME runs does nothing else until the answer is there.
-A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
-later. Failures of no name ("any") are written ``any``. A module's slots are NAME/1, NAME/2, ...
+A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT +
+2`` is two seconds later. Failures of no name ("any") are written ``any``. A module's slots are
+NAME/1, NAME/2, ...
 """
 
 import json
@@ -100,9 +111,13 @@ class Transcript:
                 break
         else:
             raise ValueError(f"no such command: {command}")
-        lines = [describe(fact) for entry in self.player.entries[self.shown :] for fact in entry.facts]
+        lines = [
+            describe(fact) for entry in self.player.entries[self.shown :] for fact in entry.facts
+        ]
         answers = [answer for answer in answers if not isinstance(answer, headers.Deliver)]
-        lines += [f"  -> {describe_answer(answer)}" for answer in answers if not self.is_observed(answer)]
+        lines += [
+            f"  -> {describe_answer(answer)}" for answer in answers if not self.is_observed(answer)
+        ]
         lines += self.seen()
         if told := re.fullmatch(r"(tree|load|waits|heard) ?(.*)", command):
             return str(getattr(self, told[1])(*filter(None, [told[2]])))
@@ -110,7 +125,9 @@ class Transcript:
 
     def is_observed(self, answer: Any) -> bool:
         """Whether an answer is to an observer, of whom is told what he sees."""
-        return isinstance(answer, headers.Answer) and any(answer.number in them for them in self.observing.values())
+        return isinstance(answer, headers.Answer) and any(
+            answer.number in them for them in self.observing.values()
+        )
 
     def seen(self) -> list[str]:
         """What observers have seen since then."""
@@ -118,20 +135,38 @@ class Transcript:
         for name, numbers in self.observing.items():
             inbox = self.player.inbox[name]
             new, self.read[name] = inbox[self.read[name] :], len(inbox)
-            told = [item for item in new if isinstance(item[0], headers.Answer) and item[0].number in numbers]
+            told = [
+                item
+                for item in new
+                if isinstance(item[0], headers.Answer) and item[0].number in numbers
+            ]
             lines += [f"  -> {name} {describe_observed(header, body)}" for header, body in told]
         return lines
 
-    def module(self, name: str, handles: str, capacity: str, pending: str, **options: str) -> list[Any]:
+    def module(
+        self, name: str, handles: str, capacity: str, pending: str, **options: str
+    ) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
         if life_cycle := options["life_cycle"]:
             for part in words:
-                self.player.life_cycles[self.player.format(part).name] = LIFE_CYCLES[life_cycle].text
-        chosen = {"pool": options["pool"] or "", "resource": options["resource"] or "", **wishes(**options)}
+                self.player.life_cycles[self.player.format(part).name] = LIFE_CYCLES[
+                    life_cycle
+                ].text
+        chosen = {
+            "pool": options["pool"] or "",
+            "resource": options["resource"] or "",
+            **wishes(**options),
+        }
         chosen["direct"] = bool(options["direct"])
-        self.player.module(name, *words, capacity=int(capacity or 1), pending=int(pending or 0), **chosen)
-        new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
+        self.player.module(
+            name, *words, capacity=int(capacity or 1), pending=int(pending or 0), **chosen
+        )
+        new = [
+            item
+            for connection, inbox in self.player.inbox.items()
+            for item in inbox[known.get(connection, 0) :]
+        ]
         return [header for header, _ in new if isinstance(header, headers.Answer | headers.Refused)]
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
@@ -159,12 +194,16 @@ class Transcript:
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
-        answers = self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
+        answers = self.player.send(
+            name, message, constraints=constraints(where[1]) if where else (), **keywords
+        )
         self.asked.setdefault(name, []).append(self.player.numbers[name])
         return answers
 
     def reply(self, name: str, delivery: str, value: str) -> list[Any]:
-        return self.player.reply(name, int(delivery or 0), {"true": True, "false": False}.get(value, value))
+        return self.player.reply(
+            name, int(delivery or 0), {"true": True, "false": False}.get(value, value)
+        )
 
     def declare(self, name: str, message_class: str, message: str, parts: str) -> list[Any]:
         names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
@@ -173,14 +212,18 @@ class Transcript:
         return self.player.request(name, headers.Register, [declared])
 
     def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:
-        where: dict[str, Any] = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
+        where: dict[str, Any] = (
+            {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
+        )
         where["watch"] = read_watch(options)
         if at_once := re.search(r"at once(?: of (\w+))?", options):
             where |= {"at_once": True, "of": at_once[1] or ""}
         return self.player.request(name, headers.Tap, Condition(condition), listener, **where)
 
     def fire(self, name: str, task: str, action: str) -> list[Any]:
-        which: dict[str, Any] = {"monitor": TaskId(int(task))} if task.isdigit() else {"monitor": ROOT, "message": task}
+        which: dict[str, Any] = (
+            {"monitor": TaskId(int(task))} if task.isdigit() else {"monitor": ROOT, "message": task}
+        )
         return self.player.request(name, headers.Fire, body=b"\x05", action=action or "", **which)
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
@@ -201,8 +244,15 @@ class Transcript:
             answers = self.player.set_variable(name, variable, int(value), swap=True)
         else:
             answers = self.player.request(name, headers.GetVariable, variable)
-        bodies = [body for header, body in self.player.inbox[name][-1:] if isinstance(header, headers.Answer)]
-        return [*answers, *(str(msgspec.msgpack.decode(body)) if body else "(never set)" for body in bodies)]
+        bodies = [
+            body
+            for header, body in self.player.inbox[name][-1:]
+            if isinstance(header, headers.Answer)
+        ]
+        return [
+            *answers,
+            *(str(msgspec.msgpack.decode(body)) if body else "(never set)" for body in bodies),
+        ]
 
     def fail(self, name: str, failure: str, delivery: str) -> list[Any]:
         failure, *kinds = failure.split("<")
@@ -226,7 +276,9 @@ class Transcript:
 
     def raise_(self, name: str, failure: str, task: str) -> list[Any]:
         failure, *kinds = failure.split("<")
-        return self.player.request(name, headers.Raise, TaskId(int(task)), failure, "why", kinds, body=b"\x07")
+        return self.player.request(
+            name, headers.Raise, TaskId(int(task)), failure, "why", kinds, body=b"\x07"
+        )
 
     def retry(self, name: str, task: str, data: str) -> list[Any]:
         return self.player.request(name, headers.Retry, TaskId(int(task)), bool(data), body=b"\x08")
@@ -244,43 +296,66 @@ class Transcript:
             return [header]
         return [describe_inspected(row) for row in msgspec.msgpack.decode(body)] or ["(nothing)"]
 
-    def take(self, name: str, transition: str, task: str, value: str, serial: str, text: str) -> list[Any]:
+    def take(
+        self, name: str, transition: str, task: str, value: str, serial: str, text: str
+    ) -> list[Any]:
         data = int(value) if value else None
-        return self.player.change(name, int(task), transition, data, serial=int(serial or -1), text=text or "")
+        return self.player.change(
+            name, int(task), transition, data, serial=int(serial or -1), text=text or ""
+        )
 
     def observe(self, name: str, task: str, message: str, below: str, states: str) -> list[Any]:
         self.observing.setdefault(name, set()).add(self.player.numbers.get(name, 0) + 1)
         self.read.setdefault(name, len(self.player.inbox.get(name, ())))
         return self.player.observe(
-            name, task=TaskId(int(task or 0)), message=message or "", below=TaskId(int(below or 0)),
+            name,
+            task=TaskId(int(task or 0)),
+            message=message or "",
+            below=TaskId(int(below or 0)),
             states=states.split(" or ") if states else [],
-        )  # fmt: skip
+        )
 
     def deadline(self, name: str, seconds: str, point: str) -> list[Any]:
         return self.player.request(name, headers.Deadline, read_point(point), float(seconds))
 
     def pass_(self, seconds: str) -> list[Any]:
-        return [effect.header for effect in self.player.tick(float(seconds)) if hasattr(effect, "header")]
+        return [
+            effect.header
+            for effect in self.player.tick(float(seconds))
+            if hasattr(effect, "header")
+        ]
 
     def wait(self, name: str, point: str, here: str) -> list[Any]:
         origin = self.player.delivered(name)[-1] if here else 0
-        return self.player.request(name, headers.AwaitPoint, read_point(point), origin, blocking=bool(here))
+        return self.player.request(
+            name, headers.AwaitPoint, read_point(point), origin, blocking=bool(here)
+        )
 
     def awaits(self, name: str, number: str) -> list[Any]:
         requests = self.asked[name][-int(number) :] if int(number) else []
-        return self.player.receive(name, headers.AwaitAny(self.player.delivered(name)[-1], requests))
+        return self.player.receive(
+            name, headers.AwaitAny(self.player.delivered(name)[-1], requests)
+        )
 
     def give_up(self, name: str, asks: str) -> list[Any]:
         request = self.player.numbers[name]
-        return self.player.receive(name, headers.GiveUp(request, self.player.number(name) if asks else 0))
+        return self.player.receive(
+            name, headers.GiveUp(request, self.player.number(name) if asks else 0)
+        )
 
     def lock(self, name: str, what: str, resource: str, options: str) -> list[Any]:
         found = dict(re.findall(r"\b(of|within|priority|for) (\S+)", options))
         self.locked[name] = self.player.number(name)
         header = headers.Lock(
-            self.locked[name], resource, found.get("of", ""), what == "reserve", self.player.delivered(name)[-1] if " here" in options else int(found.get("for", 0)),
-            float(found.get("within", -1)), int(found.get("priority", 0)), blocking=" here" in options,
-        )  # fmt: skip
+            self.locked[name],
+            resource,
+            found.get("of", ""),
+            what == "reserve",
+            self.player.delivered(name)[-1] if " here" in options else int(found.get("for", 0)),
+            float(found.get("within", -1)),
+            int(found.get("priority", 0)),
+            blocking=" here" in options,
+        )
         return self.player.receive(name, header)
 
     def release(self, name: str) -> list[Any]:
@@ -292,7 +367,9 @@ class Transcript:
     def kill(self, name: str, scope: str, task: str, delay: str, after: str, why: str) -> list[Any]:
         point = read_point(after) if after else None
         which = Scope(scope or "task")
-        return self.player.request(name, headers.Kill, TaskId(int(task)), why or "", which, point, float(delay or 0))
+        return self.player.request(
+            name, headers.Kill, TaskId(int(task)), why or "", which, point, float(delay or 0)
+        )
 
     def constrain(self, name: str, what: str) -> list[Any]:
         return self.player.request(name, headers.Constrain, list(constraints(what)))
@@ -320,7 +397,9 @@ class Transcript:
             known["number"] = self.player.number(name)
         if header is headers.Hello:
             known["version"] = headers.PROTOCOL_VERSION
-        return self.player.receive(name, header(**known), msgspec.msgpack.encode(json.loads(body)) if body else b"")
+        return self.player.receive(
+            name, header(**known), msgspec.msgpack.encode(json.loads(body)) if body else b""
+        )
 
     def event(self, kind: str, fields: str) -> list[Any]:
         made = getattr(events, kind)
@@ -347,7 +426,9 @@ class Transcript:
         node = next_of(central.tree.tasks[TaskId(int(task))])
         found = [f"{one.kind}: {in_words(one)}" for one in waits_of(central, node)]
         end = Ends(central, 1000).end_of(node)
-        return "\n".join([*found, f"in the end {end.kind}: {in_words(end)}" if end else "no end is known"])
+        return "\n".join(
+            [*found, f"in the end {end.kind}: {in_words(end)}" if end else "no end is known"]
+        )
 
     def limits(self, taps: str, depth: str) -> None:
         self.player.event(LimitsSet(self.player.time, 512 << 20, int(taps), int(depth)))
@@ -356,15 +437,23 @@ class Transcript:
         tree, lines = self.player.central.tree, []
         for task in list(tree.subtree(tree.root))[1:]:
             depth = sum(1 for _ in task.lineage()) - 1
-            held = ", ".join(f"{describe_moments(m)[0]} held by {n}" for m, n in held_counts(task).items())
+            held = ", ".join(
+                f"{describe_moments(m)[0]} held by {n}" for m, n in held_counts(task).items()
+            )
             reached = ", ".join(describe_moments(task.reached)) or "nothing yet"
-            lines.append(f"{'  ' * depth}{task.id} {task.message.name}: {reached}{f' ({held})' if held else ''}")
+            lines.append(
+                f"{'  ' * depth}{task.id} {task.message.name}: {reached}{f' ({held})' if held else ''}"
+            )
         return "\n".join(lines) or "(empty)"
 
 
 def _told(header: Any, body: bytes) -> str:
     """The value of an answer."""
-    return f", value {msgspec.msgpack.decode(body)}" if body and isinstance(header, headers.Answer) else ""
+    return (
+        f", value {msgspec.msgpack.decode(body)}"
+        if body and isinstance(header, headers.Answer)
+        else ""
+    )
 
 
 def wishes(*, accepting: str, taking: str, refusing: str, busy: str, **_: str) -> dict[str, Any]:
@@ -383,9 +472,7 @@ OPTIONS = (
 )
 TAKEN = r"(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?(?: because (?P<text>.*))?"
 KILLED = r"(?: in (?P<delay>[\d.]+))?(?: after (?P<after>[a-z ]+\d+))?(?: because (?P<why>.*))?"
-OBSERVED = (
-    r"(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?(?: states (?P<states>.*))?"
-)
+OBSERVED = r"(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?(?: states (?P<states>.*))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
     (rf"{NAME}: await the last (?P<number>\d+)", Transcript.awaits),

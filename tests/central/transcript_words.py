@@ -1,4 +1,6 @@
-"""The words of transcripts: how points, options and exception handlers are read, and how facts and headers are told."""
+"""The words of transcripts: how points, options and exception handlers are read, and how facts and
+headers are told.
+"""
 
 import json
 import re
@@ -19,7 +21,9 @@ from tca_wire.vocabulary import CENTRAL
 
 def read_point(text: str) -> Point:
     edge, interval, task = text.split()
-    return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
+    return Point(
+        THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()]
+    )
 
 
 def read_fields(kind: type, text: str) -> dict[str, Any]:
@@ -40,9 +44,14 @@ def read_watch(options: str) -> WatchOptions:
     fire_every = re.search(r"fire every (\d+)", options)
     until = re.search(r"until (\w+ \w+ \d+)", options)
     return WatchOptions(
-        float(found.get("every", 0)), int(found.get("maximum", 0)), int(fire_every[1]) if fire_every else 1,
-        "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "waited for" in options,
-    )  # fmt: skip
+        float(found.get("every", 0)),
+        int(found.get("maximum", 0)),
+        int(fire_every[1]) if fire_every else 1,
+        "at first" in options,
+        float(found.get("duration", 0)),
+        read_point(until[1]) if until else None,
+        "waited for" in options,
+    )
 
 
 def read_attachment(text: str) -> Attachment:
@@ -84,9 +93,7 @@ def describe(fact: facts.Fact) -> str:
         case facts.Queued():
             return f"{fact.id} waits for {fact.module or 'a handler'}{described_priority(fact)}"
         case facts.Dropped():
-            return (
-                f"dropped: {fact.message} {fact.id}{described_copy(fact)}: {fact.why}{fact.where and f': {fact.where}'}"
-            )
+            return f"dropped: {fact.message} {fact.id}{described_copy(fact)}: {fact.why}{fact.where and f': {fact.where}'}"
         case facts.Failed():
             whose = f" by {fact.by}" if fact.by not in ("", CENTRAL) else ""
             beside = f", beside its handler{whose}" if fact.is_beside else ""
@@ -112,19 +119,29 @@ def described_copy(fact: facts.Failed | facts.Dropped) -> str:
 
 
 def describe_control(fact: facts.Fact) -> str:
-    """Facts of what some tasks do to others; all that have no words of their own, by their fields."""
+    """Facts of what some tasks do to others; all that have no words of their own, by their
+    fields.
+    """
     match fact:
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
-        case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet() | facts.SendPlanned():
+        case (
+            facts.Killed()
+            | facts.Retried()
+            | facts.KillPlanned()
+            | facts.DeadlineSet()
+            | facts.SendPlanned()
+        ):
             return describe_ending(fact)
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered():
             undecided = getattr(fact, "undecided", 0)
-            return f"{fact.task} {kind_of(fact)}" + (f": {undecided} could not decide" if undecided else "")
+            return f"{fact.task} {kind_of(fact)}" + (
+                f": {undecided} could not decide" if undecided else ""
+            )
         case facts.TapAdded():
             return f"{fact.id} taps {fact.message}{f' {fact.task}' if fact.task else ''}, {fact.condition}: {fact.listener}"
         case facts.TapFired():
@@ -137,7 +154,9 @@ def describe_control(fact: facts.Fact) -> str:
             return describe_claim(fact)
         case facts.Attached():
             place = fact.message or f"task {fact.task}"
-            return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
+            return (
+                f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
+            )
         case _:
             return describe_rest(fact)
 
@@ -146,10 +165,10 @@ def describe_rest(fact: facts.Fact) -> str:
     """Changes of states; and what has no words of its own."""
     if isinstance(fact, facts.StateChanged):
         whose = f"{fact.by} {fact.module}".rstrip()
-        return (
-            f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
-        )
-    return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+        return f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
+    return f"{kind_of(fact)}: " + ", ".join(
+        f"{key} {value}" for key, value in fields_of(fact).items()
+    )
 
 
 def describe_ending(
@@ -202,7 +221,9 @@ def describe_observed(header: Any, body: bytes) -> str:
 
 def describe_inspected(row: dict[str, Any]) -> str:
     """A task as central tells of it."""
-    data, result = (msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result"))
+    data, result = (
+        msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result")
+    )
     end = f", {row['outcome']}" if row["outcome"] else ", lives"
     failure = f" with {row['failure']}" if row["failure"] else ""
     return f"{row['task']} {row['message']} under {row['parent']}, data {data}{end}{failure}{f': {result}' if result else ''}"
@@ -214,8 +235,14 @@ def describe_answer(answer: Any) -> str:
 
 
 def describe_header(header: Any) -> str:
-    fields = {name: getattr(header, name) for name in header.__struct_fields__ if name not in ("number", "version")}
-    words = ", ".join(f"{key} {value}" for key, value in fields.items() if value not in ("", False, 0))
+    fields = {
+        name: getattr(header, name)
+        for name in header.__struct_fields__
+        if name not in ("number", "version")
+    }
+    words = ", ".join(
+        f"{key} {value}" for key, value in fields.items() if value not in ("", False, 0)
+    )
     return f"{type(header).__name__.lower()} {words}".strip()
 
 
@@ -224,20 +251,32 @@ def load_lines(told: dict[str, Any]) -> list[str]:
     lines = []
     for module in told["modules"]:
         for one in module["resources"]:
-            known = {name: value for name, value in one.items() if value and name not in ("resource", "capacity")}
+            known = {
+                name: value
+                for name, value in one.items()
+                if value and name not in ("resource", "capacity")
+            }
             if handling := known.pop("handling", []):
                 known["handling"] = " and ".join(
                     f"{run['message']} {{{run['id']}}} for {run['seconds']:g} s" for run in handling
                 )
-            lines += [f"resource {one['resource']} of {module['module']}: {listed(known)}"] if known else []
+            lines += (
+                [f"resource {one['resource']} of {module['module']}: {listed(known)}"]
+                if known
+                else []
+            )
     for one in told["messages"]:
-        known = {name: one[name] for name in ("delivered", "failed", "dropped", "waiting") if one[name]}
+        known = {
+            name: one[name] for name in ("delivered", "failed", "dropped", "waiting") if one[name]
+        }
         lines += [f"message {one['message']}: {listed(known)}"] if known else []
     for kind in ("waits", "held", "suspended", "killed"):
         for one in told[kind]:
             end = f"; in the end {in_words(one.end)}" if one.end else ""
             why = f" (killed: {one.killed})" if one.killed else ""
-            lines.append(f"{kind}: {waiter_in_words(one)}{why} {several_in_words(one.waits)}, {one.seconds:g} s{end}")
+            lines.append(
+                f"{kind}: {waiter_in_words(one)}{why} {several_in_words(one.waits)}, {one.seconds:g} s{end}"
+            )
     lines += [f"{one.tasks} wait in the end {in_words(one.wait)}" for one in told["ends"]]
     return [*lines, f"totals: {listed(told['totals'])}"]
 

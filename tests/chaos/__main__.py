@@ -1,4 +1,6 @@
-"""Lives of a robot in chaos: ``python -m tests.chaos [--seed N] [--kills N] [--lives N] [--out FOLDER]``."""
+"""Lives of a robot in chaos: ``python -m tests.chaos [--seed N] [--kills N] [--lives N] [--out
+FOLDER]``.
+"""
 
 import argparse
 import shutil
@@ -21,7 +23,9 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=50, help="of central, in each life")
     parser.add_argument("--lives", type=int, default=1)
     parser.add_argument("--events-between", type=int, default=500, help="two images of the state")
-    parser.add_argument("--out", type=Path, help="folder for what is left of them [default: a temporary one]")
+    parser.add_argument(
+        "--out", type=Path, help="folder for what is left of them [default: a temporary one]"
+    )
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="chaos"))
     counts, broken, began = Counter[str](), 0, time.monotonic()
@@ -35,14 +39,18 @@ def main() -> int:
         judge = Judge(folder)
         wrong += judge.wrong
         counts.update(life.counts + judge.counts)
-        said = ", ".join(f"{name} {number}" for name, number in sorted((life.counts + judge.counts).items()))
+        said = ", ".join(
+            f"{name} {number}" for name, number in sorted((life.counts + judge.counts).items())
+        )
         print(f"seed {seed}: {said}", flush=True)
         for one in wrong:
             print(f"  seed {seed}: {one}", flush=True)
         broken += bool(wrong)
         if not wrong and options.out is None:
             shutil.rmtree(folder)
-    print(f"{options.lives} lives in {time.monotonic() - began:.0f} s, {broken} broken; all together:")
+    print(
+        f"{options.lives} lives in {time.monotonic() - began:.0f} s, {broken} broken; all together:"
+    )
     print(", ".join(f"{name} {number}" for name, number in sorted(counts.items())))
     return bool(broken)
 

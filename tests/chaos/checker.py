@@ -1,4 +1,6 @@
-"""What must be true of a life: held between the notebooks of the programs and the journal of central."""
+"""What must be true of a life: held between the notebooks of the programs and the journal of
+central.
+"""
 
 import subprocess
 import sys
@@ -76,7 +78,11 @@ class Judge:
                 if note.word == "end":
                     ended[int(note.about[1])].append(note.about[2])
         self.counts["handlers begun"] = begun.total()
-        self.wrong += [f"delivery {number} was begun {count} times" for number, count in begun.items() if count > 1]
+        self.wrong += [
+            f"delivery {number} was begun {count} times"
+            for number, count in begun.items()
+            if count > 1
+        ]
         self.wrong += [
             f"task {number} was begun {count} times, and retried {self.retries[number]} times"
             for number, count in times.items()
@@ -98,29 +104,51 @@ class Judge:
                     waits.discard(note.about[0])
                     what = note.about[-1] if note.word in ("failed", "unanswered") else ""
                     self.counts[f"users: {note.word} {what}".strip()] += 1
-                if note.word in ("taken", "done", "failed") and int(note.about[1]) not in self.received:
-                    self.wrong.append(f"task {note.about[1]} of {name} was taken, and is not in the journal")
+                if (
+                    note.word in ("taken", "done", "failed")
+                    and int(note.about[1]) not in self.received
+                ):
+                    self.wrong.append(
+                        f"task {note.about[1]} of {name} was taken, and is not in the journal"
+                    )
             if waits and any(note.word == "over" for note in notes):
                 self.wrong.append(f"{name} was not answered: {waits}")
 
     def _informs(self) -> None:
-        """None is handled twice; a sender that lives on is told how many have not reached central, at most."""
-        noted = Counter(note.about[0] for notes in self.notebooks.values() for note in notes if note.word == "noted")
-        known = Counter(
-            NOTE.data.decode(one.body) for one in self.received.values() if one.message == NOTE.name and one.body
+        """None is handled twice; a sender that lives on is told how many have not reached central,
+        at most.
+        """
+        noted = Counter(
+            note.about[0]
+            for notes in self.notebooks.values()
+            for note in notes
+            if note.word == "noted"
         )
-        self.wrong += [f"inform {name} was handled {count} times" for name, count in noted.items() if count > 1]
+        known = Counter(
+            NOTE.data.decode(one.body)
+            for one in self.received.values()
+            if one.message == NOTE.name and one.body
+        )
+        self.wrong += [
+            f"inform {name} was handled {count} times" for name, count in noted.items() if count > 1
+        ]
         for name, notes in self.notebooks.items():
             told = [note.about[0] for note in notes if note.word == "told"]
             self.counts["informs"] += len(told)
             self.counts["informs handled"] += sum(noted[one] for one in told)
             if any(note.word == "over" for note in notes):
-                self.wrong += [f"inform {one} of {name} came {known[one]} times" for one in told if known[one] > 1]
+                self.wrong += [
+                    f"inform {one} of {name} came {known[one]} times"
+                    for one in told
+                    if known[one] > 1
+                ]
                 lost = sum(not known[one] for one in told)
                 admitted = sum(int(note.about[0]) for note in notes if note.word == "not sent")
                 self.counts.update({"informs lost": lost, "informs told to be lost": admitted})
                 if lost > admitted:
-                    self.wrong.append(f"{lost} informs of {name} never came, and it was told of {admitted}")
+                    self.wrong.append(
+                        f"{lost} informs of {name} never came, and it was told of {admitted}"
+                    )
 
     def _locks(self) -> None:
         """Nobody is in a resource while somebody has a lock on it."""
@@ -135,7 +163,11 @@ class Judge:
                     spans.append((begun[note.about[0]], note.time, f"lock of {note.about[0]}"))
                 elif note.word == "begin" and note.about[2] in (WHERE.name, SEEN.name):
                     begun[note.about[0]] = note.time
-                elif note.word == "end" and note.about[0] in begun and int(note.about[0]) not in self.failed:
+                elif (
+                    note.word == "end"
+                    and note.about[0] in begun
+                    and int(note.about[0]) not in self.failed
+                ):
                     spans.append((begun[note.about[0]], note.time, f"delivery {note.about[0]}"))
         spans.sort()
         self.counts["locks and looks"] = len(spans)
@@ -145,7 +177,9 @@ class Judge:
 
     def _rules(self) -> None:
         tca = Path(sys.executable).with_name("tca")
-        checked = subprocess.run([tca, "check", self.folder / "journal"], capture_output=True, text=True, check=False)
+        checked = subprocess.run(
+            [tca, "check", self.folder / "journal"], capture_output=True, text=True, check=False
+        )
         if checked.returncode:
             self.wrong.append(f"tca check: {checked.stdout[-2000:]}{checked.stderr[-500:]}")
 

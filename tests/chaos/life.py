@@ -1,4 +1,6 @@
-"""A life: a robot under load whose central and modules are killed and stopped, at random, again and again."""
+"""A life: a robot under load whose central and modules are killed and stopped, at random, again and
+again.
+"""
 
 import signal
 import time
@@ -22,7 +24,9 @@ class Broken(Exception):
 class Life:
     """One life, of so many kills of central."""
 
-    def __init__(self, folder: Path, seed: int, kills: int, *, users: int = 2, events_between: int = 500) -> None:
+    def __init__(
+        self, folder: Path, seed: int, kills: int, *, users: int = 2, events_between: int = 500
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.kills, self.users = folder, kills, users
         self.random = Random(seed)
@@ -48,7 +52,7 @@ class Life:
             for process in self._processes:
                 process.close()
 
-    # --- chaos -----------------------------------------------------------------------------------------------------
+    # --- chaos ------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
         self._start_central()
@@ -64,9 +68,13 @@ class Life:
         self._central = self._start("central", "be_central", self._events_between)
 
     def _start(self, kind: str, function: str, *arguments: object) -> Process:
-        """A process that does this of ``chaos.robot``; what it prints goes to the log of its kind."""
+        """A process that does this of ``chaos.robot``; what it prints goes to the log of its
+        kind.
+        """
         text = f"from pathlib import Path\nfrom chaos import robot\nrobot.{function}(*{arguments!r}, Path({str(self.folder)!r}))"
-        process = Process("-c", text, log=self.folder / f"{kind}.log", environment={"TCA_CENTRAL": self.address})
+        process = Process(
+            "-c", text, log=self.folder / f"{kind}.log", environment={"TCA_CENTRAL": self.address}
+        )
         self._processes.append(process)
         return process
 
@@ -102,7 +110,9 @@ class Life:
 
     def _check_central(self) -> None:
         if (status := self._central.poll()) is not None:
-            raise Broken(f"central has ended by itself with {status}; see {self.folder / 'central.log'}")
+            raise Broken(
+                f"central has ended by itself with {status}; see {self.folder / 'central.log'}"
+            )
 
     def _until_it_listens(self) -> None:
         log = self.folder / "central.log"
@@ -134,7 +144,9 @@ class Life:
     def _meets_fate(self, name: str) -> None:
         process = self._modules[name]
         if (status := process.poll()) is not None:
-            raise Broken(f"{name} has ended by itself with {status}; see {self.folder / 'module.log'}")
+            raise Broken(
+                f"{name} has ended by itself with {status}; see {self.folder / 'module.log'}"
+            )
         self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
         if self.random.random() < 0.4:
             process.send_signal(signal.SIGSTOP)
@@ -157,7 +169,7 @@ class Life:
         with (self.folder / "chronicle").open("a") as chronicle:
             print(time.strftime("%H:%M:%S"), f"{time.monotonic():.3f}", what, file=chronicle)
 
-    # --- the end ---------------------------------------------------------------------------------------------------
+    # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
         """Nothing is killed any more: all that was begun ends, and everybody is answered."""

@@ -1,7 +1,9 @@
-"""The programs of a robot that is to survive chaos: modules, and users who never stop asking for things.
+"""The programs of a robot that is to survive chaos: modules, and users who never stop asking for
+things.
 
-Each writes what it does into a notebook of its own, a line at a time: the time on the machine's clock, a word, and what
-it was about. A line that was written is there whatever becomes of the program.
+Each writes what it does into a notebook of its own, a line at a time: the time on the machine's
+clock, a word, and what it was about. A line that was written is there whatever becomes of the
+program.
 """
 
 import logging
@@ -78,10 +80,12 @@ class Handling:
         self._notebook.note("begin", self._task.delivery, self._task.id, self._task.message)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._notebook.note("end", self._task.delivery, self._task.id, kind.__name__ if kind else "")
+        self._notebook.note(
+            "end", self._task.delivery, self._task.id, kind.__name__ if kind else ""
+        )
 
 
-# --- modules ---------------------------------------------------------------------------------------------------------
+# --- modules --------------------------------------------------------------------------------------
 
 
 def legs(notebook: Notebook) -> Module:
@@ -183,7 +187,9 @@ def _healthy(module: Module, notebook: Notebook) -> Module:
     return module
 
 
-MODULES: dict[str, Callable[[Notebook], Module]] = {one.__name__: one for one in (legs, hand, eyes, planner, expert)}
+MODULES: dict[str, Callable[[Notebook], Module]] = {
+    one.__name__: one for one in (legs, hand, eyes, planner, expert)
+}
 
 
 def be_central(events_between: int, folder: Path) -> None:
@@ -195,14 +201,16 @@ def be_central(events_between: int, folder: Path) -> None:
 def serve(name: str, folder: Path) -> None:
     """Be a module until told to end."""
     log_with_times()
-    MODULES[name](Notebook(folder, name)).run(patience=60)  # on a busy machine a central may start late
+    MODULES[name](Notebook(folder, name)).run(
+        patience=60
+    )  # on a busy machine a central may start late
 
 
 def log_with_times() -> None:
     logging.basicConfig(format="%(asctime)s %(process)d %(message)s", level=logging.INFO)
 
 
-# --- users -----------------------------------------------------------------------------------------------------------
+# --- users ----------------------------------------------------------------------------------------
 
 
 class User:
@@ -218,9 +226,27 @@ class User:
 
     def live(self, until: Path) -> None:
         """Ask until a file is there, and see to the end what was begun."""
-        deeds: list[Callable[[Client, str], None]] = [self.step, self.walk, self.grip, self.where, self.tell, self.set]
-        deeds += [self.step, self.walk, self.step, self.where, self.step, self.ask_all, self.step, self.lock]
-        if self.name != "guest":  # who dies before what it has suspended may start leaves that for ever
+        deeds: list[Callable[[Client, str], None]] = [
+            self.step,
+            self.walk,
+            self.grip,
+            self.where,
+            self.tell,
+            self.set,
+        ]
+        deeds += [
+            self.step,
+            self.walk,
+            self.step,
+            self.where,
+            self.step,
+            self.ask_all,
+            self.step,
+            self.lock,
+        ]
+        if (
+            self.name != "guest"
+        ):  # who dies before what it has suspended may start leaves that for ever
             deeds.append(self.suspend)
         try:
             with connect(self.name, patience=PATIENCE, linger=60.0) as user:

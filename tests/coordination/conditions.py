@@ -57,7 +57,11 @@ def activities_seen(machine: Coordination, entries: list[Entry]) -> list[SeenAct
 
 
 def _note(
-    machine: Coordination, news: list[RoleChange], seen: list[SeenActivity], began: dict[int, int], number: int
+    machine: Coordination,
+    news: list[RoleChange],
+    seen: list[SeenActivity],
+    began: dict[int, int],
+    number: int,
 ) -> None:
     """Roles have changed, as a report says at that entry."""
     known = {task: one for one in seen for task in one.tasks}
@@ -78,11 +82,17 @@ def _note(
 
 
 def check_conditions(machine: Coordination, entries: list[Entry]) -> None:
-    """While an activity is current, nothing else has its agents, or makes what it needs or makes."""
+    """While an activity is current, nothing else has its agents, or makes what it needs or
+    makes.
+    """
     seen = activities_seen(machine, entries)
     for current in seen:
         for other in seen:
-            if current.entered is not None and other is not current and current.entered < current.ended:
+            if (
+                current.entered is not None
+                and other is not current
+                and current.entered < current.ended
+            ):
                 _check_apart(current, current.entered, other)
 
 

@@ -1,5 +1,5 @@
-"""A robot with a base, an arm and a gripper, the machine with which it delivers objects (figure 6 of the paper), and
-runs of it on a clock that the test steps.
+"""A robot with a base, an arm and a gripper, the machine with which it delivers objects (figure 6
+of the paper), and runs of it on a clock that the test steps.
 """
 
 from collections.abc import Iterator
@@ -79,7 +79,9 @@ def delivery(name: str = "deliver") -> Coordination:
 
 
 def make_robot(central: LocalCentral) -> Module:
-    """Its parts move for so many seconds, and report each half second. A place called "stuck" is never reached."""
+    """Its parts move for so many seconds, and report each half second. A place called "stuck" is
+    never reached.
+    """
     robot = Module("robot", central)
 
     def move(task: Task, place: str) -> None:
@@ -114,7 +116,9 @@ ACCORDING_TO_PROGRESS = Discrete(0.25, utility=progress_only)
 class Play:
     """A run of a machine on a stepped clock."""
 
-    def __init__(self, central: LocalCentral, module: Module, coordinator: Coordinator, user: Client) -> None:
+    def __init__(
+        self, central: LocalCentral, module: Module, coordinator: Coordinator, user: Client
+    ) -> None:
         self.central = central
         self.module = module
         self.coordinator = coordinator
@@ -134,7 +138,9 @@ class Play:
         self.central.advance(seconds)
         return run
 
-    def start_mistaken(self, *events: str, seconds: float = 4, later: float = 30) -> SentTask[CoordinationEnd]:
+    def start_mistaken(
+        self, *events: str, seconds: float = 4, later: float = 30
+    ) -> SentTask[CoordinationEnd]:
         """Begin as start() does; box B is taken after so many seconds."""
         run = self.start(*events, seconds=seconds)
         self.box_b(0.0)
@@ -150,13 +156,18 @@ class Play:
         self.central.until_quiet()
 
     def happened(self) -> list[str]:
-        """What the tasks of the run were about, with the seconds: begun, what they are to the machine, ended."""
+        """What the tasks of the run were about, with the seconds: begun, what they are to the
+        machine, ended.
+        """
         return list(_lines(self.central, self.coordinator.chart))
 
 
 @contextmanager
 def play(
-    machine: Coordination, policy: Policy | None = ACCORDING_TO_PROGRESS, *others: Module, **options: Any
+    machine: Coordination,
+    policy: Policy | None = ACCORDING_TO_PROGRESS,
+    *others: Module,
+    **options: Any,
 ) -> Iterator[Play]:
     with LocalCentral(stepped=True) as central:
         coordinator = Coordinator(machine, policy=policy, **options)

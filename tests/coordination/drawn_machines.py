@@ -1,11 +1,22 @@
-"""Small random machines, as automata; and a run of one, which does what a coordinator does, without any tasks."""
+"""Small random machines, as automata; and a run of one, which does what a coordinator does, without
+any tasks.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from tca_behaviours.coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
+from tca_behaviours.coordination import (
+    Activity,
+    Agent,
+    Do,
+    Fact,
+    LikelyArrow,
+    Policy,
+    PreviewLimits,
+    Situation,
+)
 from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
 from tca_behaviours.coordination.preview.decide import EarlyWork, LookAhead, Present, WorkPhase
 from tca_module import Command
@@ -43,9 +54,14 @@ class Drawn:
 
 def drawn_activity(random: Random, agents: Sequence[Agent]) -> Activity:
     def facts(most: int) -> dict[str, Fact]:
-        return {random.choice("wxyz"): random.choice((0, 0, 1)) for _ in range(random.randint(0, most))}
+        return {
+            random.choice("wxyz"): random.choice((0, 0, 1)) for _ in range(random.randint(0, most))
+        }
 
-    tasks = [Do(WORK, "task", *random.sample(agents, random.randint(0, 2))) for _ in range(random.choice((1, 1, 2)))]
+    tasks = [
+        Do(WORK, "task", *random.sample(agents, random.randint(0, 2)))
+        for _ in range(random.choice((1, 1, 2)))
+    ]
     undo = (Do(WORK, "undo", random.choice(agents)),) if random.random() < 0.6 else ()
     return Activity(*tasks, needs=facts(1), makes=facts(2), undo=undo, cost=random.random())
 
@@ -59,7 +75,9 @@ def drawn_machine(random: Random) -> Drawn:
         targets = [random.randrange(number) for _ in range(random.randint(0, 2))]
         targets.append((state + 1) % number)
         random.shuffle(targets)
-        arrows[state] = [LikelyArrow(random.choice(("failed", "done")), target, 0.0) for target in targets]
+        arrows[state] = [
+            LikelyArrow(random.choice(("failed", "done")), target, 0.0) for target in targets
+        ]
     machine = Drawn(arrows)
     for state in range(number):
         if random.random() < 0.85:
@@ -75,12 +93,15 @@ def places(tasks: Sequence[Do]) -> Counter[Agent]:
 
 
 class PlayedRun:
-    """A run of a machine along random arrows, beside an account of how it would be without a preview.
+    """A run of a machine along random arrows, beside an account of how it would be without a
+    preview.
 
     Each step checks that whatever was started ahead is in nobody's way.
     """
 
-    def __init__(self, machine: Drawn, policy: Policy, random: Random, limits: PreviewLimits | None = None) -> None:
+    def __init__(
+        self, machine: Drawn, policy: Policy, random: Random, limits: PreviewLimits | None = None
+    ) -> None:
         self.machine = machine
         self.policy = policy
         self.limits = limits or PreviewLimits(0.6)
@@ -93,14 +114,16 @@ class PlayedRun:
         self.plain: dict[str, Fact] = {"w": 0, "x": 0, "y": 0, "z": 0}
         self.now = dict(self.plain)
         self.work: list[EarlyWork] = []
-        self.spoilers: list[tuple[int, set[str]]] = []  # wasted work, and what of it nobody has made anew
+        self.spoilers: list[
+            tuple[int, set[str]]
+        ] = []  # wasted work, and what of it nobody has made anew
         self.current = 0
         self.progress = 0.0
         self.is_begun = self.is_done = self.is_unfit = self.is_new = False
         self.started = self.kept = self.restored = 0
         self._enter(0)
 
-    # --- what happens ----------------------------------------------------------------------------------------------
+    # --- what happens -----------------------------------------------------------------------------
 
     def step(self) -> None:
         """Something happens; then the run goes on by what is decided."""
@@ -135,7 +158,9 @@ class PlayedRun:
         activity = self.machine.activities[work.state]
         match work.phase:
             case WorkPhase.RUNNING:
-                end = self.random.choice((WorkPhase.RUNNING, WorkPhase.DONE, WorkPhase.DONE, WorkPhase.FAILED))
+                end = self.random.choice(
+                    (WorkPhase.RUNNING, WorkPhase.DONE, WorkPhase.DONE, WorkPhase.FAILED)
+                )
                 self.work.append(replace(work, phase=end, progress=min(1.0, work.progress + 0.5)))
                 if end is WorkPhase.DONE:
                     self.now |= activity.makes
@@ -156,14 +181,22 @@ class PlayedRun:
         if makes := set(self.machine.activities[state].makes):
             self.spoilers.append((state, makes))
 
-    # --- states ----------------------------------------------------------------------------------------------------
+    # --- states -----------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """By any arrow, however unlikely; if the activity could not begin, by one for its failure."""
+        """By any arrow, however unlikely; if the activity could not begin, by one for its
+        failure.
+        """
         activity = self.machine.activity(self.current)
         if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
-            self.plain = {name: value for name, value in self.plain.items() if name not in activity.makes}
-        arrows = [arrow for arrow in self.machine.arcs(self.current) if arrow.symbol == "failed" or not self.is_unfit]
+            self.plain = {
+                name: value for name, value in self.plain.items() if name not in activity.makes
+            }
+        arrows = [
+            arrow
+            for arrow in self.machine.arcs(self.current)
+            if arrow.symbol == "failed" or not self.is_unfit
+        ]
         if arrows:
             self._enter(self.random.choice(arrows).target)
 
@@ -171,10 +204,23 @@ class PlayedRun:
         return all(self.plain.get(name) == value for name, value in activity.needs.items())
 
     def _enter(self, state: int) -> None:
-        self.current, self.progress, self.is_begun, self.is_done, self.is_unfit = state, 0.0, False, False, False
+        self.current, self.progress, self.is_begun, self.is_done, self.is_unfit = (
+            state,
+            0.0,
+            False,
+            False,
+            False,
+        )
         self.is_new = True
         activity = self.machine.activity(state)
-        found = next((one for one in self.work if one.state == state and one.phase in (*BUSY, "done", "failed")), None)
+        found = next(
+            (
+                one
+                for one in self.work
+                if one.state == state and one.phase in (*BUSY, "done", "failed")
+            ),
+            None,
+        )
         if found is None or found.phase is WorkPhase.STOPPING or activity is None:
             return
         self.work.remove(found)
@@ -195,8 +241,12 @@ class PlayedRun:
     def _take_over(self, activity: Activity) -> None:
         """The activity of the current state begins, for the account without a preview, too."""
         self.is_begun = True
-        self.plain = {name: value for name, value in self.plain.items() if name not in activity.makes}
-        self.spoilers = [(state, left) for state, made in self.spoilers if (left := made - activity.makes.keys())]
+        self.plain = {
+            name: value for name, value in self.plain.items() if name not in activity.makes
+        }
+        self.spoilers = [
+            (state, left) for state, made in self.spoilers if (left := made - activity.makes.keys())
+        ]
 
     def _begin_current(self) -> None:
         activity = self.machine.activity(self.current)
@@ -205,7 +255,9 @@ class PlayedRun:
         if not self.plain_needs_hold(activity):
             self.is_begun = self.is_done = self.is_unfit = True
             return
-        if not self._is_in_order(activity) or any(self._is_in_the_way(one, activity) for one in self.work):
+        if not self._is_in_order(activity) or any(
+            self._is_in_the_way(one, activity) for one in self.work
+        ):
             return
         assert all(self.now.get(name) == value for name, value in activity.needs.items())
         self._take_over(activity)
@@ -217,39 +269,52 @@ class PlayedRun:
             return False
         tasks = other.undo if work.phase is WorkPhase.RESTORING else other.tasks
         shared = places(tasks).keys() & places(activity.tasks).keys()
-        full = any(self.held()[agent] + places(activity.tasks)[agent] > agent.tasks for agent in shared)
+        full = any(
+            self.held()[agent] + places(activity.tasks)[agent] > agent.tasks for agent in shared
+        )
         needs = set() if work.phase is WorkPhase.RESTORING else other.needs.keys()
-        clash = (activity.makes.keys() & (needs | other.makes.keys())) or activity.needs.keys() & other.makes.keys()
+        clash = (
+            activity.makes.keys() & (needs | other.makes.keys())
+        ) or activity.needs.keys() & other.makes.keys()
         return work.state == self.current or full or bool(clash)
 
     def _is_in_order(self, activity: Activity) -> bool:
         """Whether nothing has to be restored first; if so, that begins."""
         for state, spoilt in reversed(self.spoilers):
             takes_part = spoilt & activity.makes.keys() and not spoilt <= activity.makes.keys()
-            if spoilt & activity.needs.keys() or (takes_part and self.machine.activities[state].undo):
+            if spoilt & activity.needs.keys() or (
+                takes_part and self.machine.activities[state].undo
+            ):
                 undone = self.machine.activities[state]
                 assert undone.undo, f"{spoilt} can't be restored"
                 restoring = EarlyWork(state, WorkPhase.RESTORING)
                 free = not any(
-                    self._is_in_the_way(one, Activity(*undone.undo, makes=undone.makes)) for one in self.work
+                    self._is_in_the_way(one, Activity(*undone.undo, makes=undone.makes))
+                    for one in self.work
                 )
                 if free and restoring not in self.work:
                     self.work.append(restoring)
-                    self.now = {name: value for name, value in self.now.items() if name not in undone.makes}
+                    self.now = {
+                        name: value for name, value in self.now.items() if name not in undone.makes
+                    }
                 return False
         return True
 
-    # --- what is decided -------------------------------------------------------------------------------------------
+    # --- what is decided --------------------------------------------------------------------------
 
     def _decide(self) -> None:
         spoilt = {name for _, names in self.spoilers for name in names}
         situation = Situation("", self.plain, {}, min(self.progress, 1.0))
-        present = Present(self.current, self.now, situation, self.is_done, self.is_new, self.work, spoilt)
+        present = Present(
+            self.current, self.now, situation, self.is_done, self.is_new, self.work, spoilt
+        )
         decision = LookAhead(self.policy, self.limits, self.needed).decide(self.machine, present)
         self.is_new = False
         for stop in decision.stops:
             work = next(
-                one for one in self.work if one.state == stop.state and one.phase not in ("stopping", "restoring")
+                one
+                for one in self.work
+                if one.state == stop.state and one.phase not in ("stopping", "restoring")
             )
             self.work.remove(work)
             if work.phase is not WorkPhase.FAILED:
@@ -263,10 +328,12 @@ class PlayedRun:
             activity = self.machine.activities[state]
             assert all(self.now.get(name) == value for name, value in activity.needs.items())
             self.work.append(EarlyWork(state, share=share))
-            self.now = {name: value for name, value in self.now.items() if name not in activity.makes}
+            self.now = {
+                name: value for name, value in self.now.items() if name not in activity.makes
+            }
         assert all(objection.reason is not Reason.NOT_FORESEEN for objection in decision.refused)
 
-    # --- what must hold --------------------------------------------------------------------------------------------
+    # --- what must hold ---------------------------------------------------------------------------
 
     def held(self) -> Counter[Agent]:
         held = Counter[Agent]()
@@ -282,20 +349,32 @@ class PlayedRun:
         return held
 
     def check(self) -> None:
-        assert all(count <= agent.tasks for agent, count in self.held().items()), "an agent has too many tasks"
+        assert all(count <= agent.tasks for agent, count in self.held().items()), (
+            "an agent has too many tasks"
+        )
         running = [self.machine.activities[one.state] for one in self.work if one.phase in BUSY]
-        undone = [self.machine.activities[one.state] for one in self.work if one.phase is WorkPhase.RESTORING]
+        undone = [
+            self.machine.activities[one.state]
+            for one in self.work
+            if one.phase is WorkPhase.RESTORING
+        ]
         running += [Activity(*one.undo, makes=one.makes) for one in undone]
         activity = self.machine.activity(self.current)
         if activity is not None and self.is_begun and not self.is_done:
             running.append(activity)
         for one in running:
             for name, value in one.needs.items():
-                assert name in one.makes or self.now.get(name) == value, f"{name} does not hold any more"
+                assert name in one.makes or self.now.get(name) == value, (
+                    f"{name} does not hold any more"
+                )
             for other in running:
                 if one is not other:
-                    assert not one.makes.keys() & (other.needs.keys() | other.makes.keys()), "two change one variable"
+                    assert not one.makes.keys() & (other.needs.keys() | other.makes.keys()), (
+                        "two change one variable"
+                    )
         touched = {name for _, names in self.spoilers for name in names}
         touched |= {name for one in self.work for name in self.machine.activities[one.state].makes}
         for name, value in self.plain.items():
-            assert name in touched or self.now.get(name) == value, f"{name} is not as it would be without a preview"
+            assert name in touched or self.now.get(name) == value, (
+                f"{name} is not as it would be without a preview"
+            )

@@ -1,4 +1,6 @@
-"""Reads from a journal whether each visit to a state had an execution of its activity of its own."""
+"""Reads from a journal whether each visit to a state had an execution of its activity of its
+own.
+"""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -22,8 +24,8 @@ class Told(NamedTuple):
 
 
 def check_executions(machine: Coordination, entries: list[Entry]) -> int:
-    """An activity that was done in a state began after the state was last left, and after the last transition from
-    which on it was not foreseen. How many of them began ahead.
+    """An activity that was done in a state began after the state was last left, and after the last
+    transition from which on it was not foreseen. How many of them began ahead.
     """
     told = list(_reports(entries))
     seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
@@ -32,7 +34,9 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
         state = one.report.before
         if one.report.taken.split(" ")[0] != DONE or machine.states[state].activity is None:
             continue
-        entered = max((place for place, other in enumerate(told[:place]) if other.report.taken), default=0)
+        entered = max(
+            (place for place, other in enumerate(told[:place]) if other.report.taken), default=0
+        )
         since = _last_left(told[: entered + 1], state)
         own = [
             began
@@ -48,12 +52,14 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
 
 
 def _last_left(told: list[Told], state: int) -> float:
-    """The moment at which a state was left, or a transition was taken that made it unforeseen; the last of these before
-    it was entered, as the last report tells.
+    """The moment at which a state was left, or a transition was taken that made it unforeseen; the
+    last of these before it was entered, as the last report tells.
     """
     found = 0.0
     for one, following in pairwise(told):
-        is_rest = not (following.time == one.time and following.report.taken)  # only then is told what is foreseen
+        is_rest = not (
+            following.time == one.time and following.report.taken
+        )  # only then is told what is foreseen
         is_foreseen = any(foreseen.state == state for foreseen in one.report.preview)
         is_off = is_rest and not is_foreseen and one.report.current != state
         if one.report.taken and (one.report.before == state or is_off):

@@ -41,7 +41,9 @@ STUBBORN = Command("stubborn", Work, progress=float)
 """Its tasks refuse to be cancelled."""
 KINDS = (EASY, SLOW, STUBBORN)
 ODD = {EASY: 0.013, SLOW: 0.029, STUBBORN: 0.047}
-"""Seconds by which they take longer, so that no two are due at one moment: which goes first then is left open."""
+"""Seconds by which they take longer, so that no two are due at one moment: which goes first then is
+left open.
+"""
 AGENTS = {kind: Agent(kind.name) for kind in KINDS}
 FREE = Variable("free", float)
 TIRED = Failure("tired")
@@ -73,7 +75,11 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
                     inner.to(machine.final(f"end of {label}"), likelihood=likely(None))
                 states.append(inner.parent or inner)
             else:
-                states.append(machine.state(label, _activity(random, label) if random.random() < 0.85 else None))
+                states.append(
+                    machine.state(
+                        label, _activity(random, label) if random.random() < 0.85 else None
+                    )
+                )
         states.append(machine.final("end"))
         for place, state in enumerate(states[:-1]):
             following, other = states[place + 1], random.choice(states)
@@ -97,11 +103,14 @@ def random_round(random: Random) -> Coordination:
     with Coordination("round", facts=dict.fromkeys(NAMES, 0)) as machine:
         waiting = machine.state("waiting")
         states = [
-            machine.state(f"s{number}", _small_activity(random, number)) for number in range(random.randint(3, 5))
+            machine.state(f"s{number}", _small_activity(random, number))
+            for number in range(random.randint(3, 5))
         ]
         waiting.to(machine.final("end"), on="stop")
         waiting.to(states[0], on="go", likelihood=random.choice([None, Prior(0.9)]))
-        for state, *later in zip(states, [*states[1:], waiting], [*states[2:], waiting, states[0]], strict=True):
+        for state, *later in zip(
+            states, [*states[1:], waiting], [*states[2:], waiting, states[0]], strict=True
+        ):
             random.shuffle(later)
             state.to(later[0], when=FREE, likelihood=Perceived(FREE))
             state.to(later[1], likelihood=Perceived(FREE, negated=True))
@@ -119,12 +128,20 @@ def _small_activity(random: Random, number: int) -> Activity:
 def _activity(random: Random, label: str) -> Activity:
     kinds = random.sample(KINDS, random.choice([1, 1, 2]))
     tasks = [
-        Do(kind, Work(f"{label} {kind.name}", random.randint(1, 3) + ODD[kind], random.random() < 0.07), AGENTS[kind])
+        Do(
+            kind,
+            Work(f"{label} {kind.name}", random.randint(1, 3) + ODD[kind], random.random() < 0.07),
+            AGENTS[kind],
+        )
         for kind in kinds
     ]
     makes = {name: random.randint(0, 2) for name in NAMES if random.random() < 0.4}
     needs = {name: random.randint(0, 1) for name in NAMES if random.random() < 0.35}
-    undo = [Do(kinds[0], Work(f"undo {label}", 1.007), AGENTS[kinds[0]])] if random.random() < 0.8 else []
+    undo = (
+        [Do(kinds[0], Work(f"undo {label}", 1.007), AGENTS[kinds[0]])]
+        if random.random() < 0.8
+        else []
+    )
     return Activity(*tasks, makes=makes, needs=needs, undo=undo, cost=random.random())
 
 

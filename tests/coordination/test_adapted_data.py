@@ -85,4 +85,7 @@ def test_arrays_are_other_data_if_their_elements_are() -> None:
     activity = Activity(Do(STEER, np.array([1.0, 2.0]), ARM), adapt=adapt)
     with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:
         run_to_the_end(run)
-    assert [(time, speeds.tolist()) for time, speeds in told] == [(2.0, [0.5, 1.0]), (6.0, [1.0, 2.0])]
+    assert [(time, speeds.tolist()) for time, speeds in told] == [
+        (2.0, [0.5, 1.0]),
+        (6.0, [1.0, 2.0]),
+    ]

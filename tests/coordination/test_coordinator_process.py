@@ -1,4 +1,6 @@
-"""A coordinator as a process: its journal, what is learned from that, and Ctrl-C while an arm moves ahead."""
+"""A coordinator as a process: its journal, what is learned from that, and Ctrl-C while an arm moves
+ahead.
+"""
 
 import signal
 import threading
@@ -63,4 +65,7 @@ def test_a_coordinator_as_a_process(tmp_path: Path) -> None:
             assert user.tasks() == []
             assert process.communicate(timeout=SOON)[0] == "over\n"
         daemon.stop()
-    assert count_transitions([daemon.journal], here.chart) == {("to B", "done"): 1, ("reach", "done"): 1}
+    assert count_transitions([daemon.journal], here.chart) == {
+        ("to B", "done"): 1,
+        ("reach", "done"): 1,
+    }

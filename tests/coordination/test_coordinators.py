@@ -1,4 +1,6 @@
-"""What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what it refuses."""
+"""What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what
+it refuses.
+"""
 
 from threading import Event
 
@@ -21,9 +23,26 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_behaviours.coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Do, MachineEvent
+from tca_behaviours.coordination import (
+    COORDINATION_EVENT,
+    Activity,
+    Coordination,
+    Coordinator,
+    Do,
+    MachineEvent,
+)
 from tca_behaviours.coordination.model.interpreter import Interpreter
-from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed, connect
+from tca_module import (
+    Command,
+    ExceptionHandler,
+    MisuseError,
+    Module,
+    Outcome,
+    Recovery,
+    Task,
+    TaskFailed,
+    connect,
+)
 from tca_module.testing import LocalCentral
 
 
@@ -116,7 +135,9 @@ def test_a_state_whose_needs_are_not_met_fails() -> None:
     with play(lost(), None) as run:
         ran = run.begin()
         run.central.advance(2)
-        with pytest.raises(TaskFailed, match="'grasping' can't begin: 'arm' must be 'stuck' and is unknown"):
+        with pytest.raises(
+            TaskFailed, match="'grasping' can't begin: 'arm' must be 'stuck' and is unknown"
+        ):
             ran.result(timeout=5)
 
 
@@ -160,7 +181,10 @@ def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
         task.sleep(1)
 
     with Coordination("drive", facts=AT_HOME) as machine:
-        there, look = machine.state("there", base("B")), machine.state("look", Activity(Do(GRIPPER, "horn", BASE)))
+        there, look = (
+            machine.state("there", base("B")),
+            machine.state("look", Activity(Do(GRIPPER, "horn", BASE))),
+        )
         end = machine.final("end")
         there.to(end)
         there.to(look, on="noise")
@@ -227,7 +251,9 @@ def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
 
 
 def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
-    both = Activity(Do(MOVE_BASE, "B", BASE), Do(MOVE_ARM, "stuck", ARM), Do(GRIPPER, "open", FINGERS))
+    both = Activity(
+        Do(MOVE_BASE, "B", BASE), Do(MOVE_ARM, "stuck", ARM), Do(GRIPPER, "open", FINGERS)
+    )
     with Coordination("both", facts=AT_HOME) as machine:
         work, end = machine.state("work", both), machine.final("end")
         work.to(end)
@@ -301,7 +327,9 @@ def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
                 assert run.result(timeout=5).state == "end"
 
 
-def test_an_event_for_a_run_that_never_began_is_none_of_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_event_for_a_run_that_never_began_is_none_of_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The first run fails before it listens, and after an event for it has come."""
     begins, told, restart = Event(), Event(), Interpreter.restart
 
@@ -335,5 +363,7 @@ def test_an_event_for_a_run_that_never_began_is_none_of_the_next(monkeypatch: py
 def test_a_module_has_one_coordinator() -> None:
     module = Module("coordinator")
     Coordinator(lost()).handle_in(module)
-    with pytest.raises(MisuseError, match="has a coordinator already: handle machine 'deliver' in another one"):
+    with pytest.raises(
+        MisuseError, match="has a coordinator already: handle machine 'deliver' in another one"
+    ):
         Coordinator(delivery()).handle_in(module)

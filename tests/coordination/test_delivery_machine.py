@@ -38,7 +38,8 @@ with Coordination("deliver", facts={"base": "A", "arm": "home", "holding": True}
     with DELIVER.compound("at box B") as at_b:
         arm_b = DELIVER.state("arm to B", Activity(Do(MOVE_ARM, "B", ARM), makes={"arm": "B"}))
         drop_b = DELIVER.state(
-            "drop", Activity(Do(MOVE_GRIPPER, "open", GRIPPER, ARM), needs={"arm": "B", "base": "B"})
+            "drop",
+            Activity(Do(MOVE_GRIPPER, "open", GRIPPER, ARM), needs={"arm": "B", "base": "B"}),
         )
         dropped = DELIVER.final("dropped")
         arm_b.to(drop_b)
@@ -62,10 +63,19 @@ def test_a_machine_as_data() -> None:
     chart = DELIVER.chart
     assert chart.agents == ["base", "arm", "gripper"]
     assert [(state.label, state.parent) for state in chart.states] == [
-        ("waiting", -1), ("going to B", -1), ("at box B", -1), ("arm to B", 2), ("drop", 2), ("dropped", 2), ("end", -1),
-    ]  # fmt: skip
+        ("waiting", -1),
+        ("going to B", -1),
+        ("at box B", -1),
+        ("arm to B", 2),
+        ("drop", 2),
+        ("dropped", 2),
+        ("end", -1),
+    ]
     assert chart.states[4].lines == ['move gripper "open" (gripper+arm)']
-    assert [arrow.symbol for arrow in chart.arrows if arrow.source == 1] == ["done [box B is free]", "done"]
+    assert [arrow.symbol for arrow in chart.arrows if arrow.source == 1] == [
+        "done [box B is free]",
+        "done",
+    ]
     assert DELIVER.events == {"object given", "stop"}
     assert DELIVER.variables == [BOX_B_FREE]
 
@@ -73,15 +83,25 @@ def test_a_machine_as_data() -> None:
 def test_likelihoods_follow_from_the_situation() -> None:
     seen = DELIVER.automaton(situation(free=0.75))
     assert seen.initial == 0
-    assert seen.arcs(0) == [LikelyArrow("object given", 1, 0.0)], "an event of others is never foreseen"
-    assert seen.arcs(1) == [LikelyArrow("done [box B is free]", 3, 0.75), LikelyArrow("done", 0, 0.25)]
+    assert seen.arcs(0) == [LikelyArrow("object given", 1, 0.0)], (
+        "an event of others is never foreseen"
+    )
+    assert seen.arcs(1) == [
+        LikelyArrow("done [box B is free]", 3, 0.75),
+        LikelyArrow("done", 0, 0.25),
+    ]
     assert seen.arcs(3) == [
-        LikelyArrow("done", 4, 0.9), LikelyArrow("failed [is_late]", 3, 0.1), LikelyArrow("failed", 0, 0.0),
+        LikelyArrow("done", 4, 0.9),
+        LikelyArrow("failed [is_late]", 3, 0.1),
+        LikelyArrow("failed", 0, 0.0),
         LikelyArrow("stop", 0, 0.0),
-    ]  # fmt: skip
+    ]
     assert seen.arcs(5) == [LikelyArrow("done", 6, 1.0)], "the compound's end"
     assert seen.arcs(6) == []
-    assert [arrow.likelihood for arrow in DELIVER.automaton(situation(free=None)).arcs(1)] == [0, 0], "unknown"
+    assert [arrow.likelihood for arrow in DELIVER.automaton(situation(free=None)).arcs(1)] == [
+        0,
+        0,
+    ], "unknown"
 
 
 def test_events_are_taken_by_the_innermost_arrow_whose_guard_holds() -> None:
@@ -93,7 +113,9 @@ def test_events_are_taken_by_the_innermost_arrow_whose_guard_holds() -> None:
     assert run.take("done", taken) == [TakenArrow(1, "done", 0)]
     run.take("object given", free)
     assert run.take("done", free) == [TakenArrow(1, "done [box B is free]", 3)]
-    assert run.take("failed", situation(0.5, progress=0.7)) == [TakenArrow(3, "failed [is_late]", 3)]
+    assert run.take("failed", situation(0.5, progress=0.7)) == [
+        TakenArrow(3, "failed [is_late]", 3)
+    ]
     assert run.take("done", free) == [TakenArrow(3, "done", 4)]
     assert run.take("done", free) == [TakenArrow(4, "done", 5), TakenArrow(5, "done", 6)]
     assert run.is_ended
@@ -118,9 +140,18 @@ def test_evaluated_likelihoods_are_normalised() -> None:
         a.to("end", when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
         a.to("end", likelihood=Prior(0.5))
         machine.final("end")
-    assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.75)).arcs(0)] == [0.6, 0.4]
-    assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.25)).arcs(0)] == [0.25, 0.5]
-    assert [arrow.likelihood for arrow in machine.automaton(situation(free=None)).arcs(0)] == [0, 0], "unknown"
+    assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.75)).arcs(0)] == [
+        0.6,
+        0.4,
+    ]
+    assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.25)).arcs(0)] == [
+        0.25,
+        0.5,
+    ]
+    assert [arrow.likelihood for arrow in machine.automaton(situation(free=None)).arcs(0)] == [
+        0,
+        0,
+    ], "unknown"
 
 
 def test_a_function_reads_watched_variables_only() -> None:
@@ -132,9 +163,14 @@ def test_a_function_reads_watched_variables_only() -> None:
     assert activity is not None
     assert activity.cost(situation(None, progress=0.5)) == 1.0
     assert machine.automaton(situation(None)).arcs(0)[0].likelihood == 0.0
-    with pytest.raises(MisuseError, match="variable 'box B is free' is not watched: give Coordination"):
+    with pytest.raises(
+        MisuseError, match="variable 'box B is free' is not watched: give Coordination"
+    ):
         machine.automaton(Situation()).arcs(0)
-    with pytest.raises(MisuseError, match=r"the likelihood of 'done' in state 'a' must be a number in \[0, 1\], not 7"):
+    with pytest.raises(
+        MisuseError,
+        match=r"the likelihood of 'done' in state 'a' must be a number in \[0, 1\], not 7",
+    ):
         machine.automaton(situation(free=7)).arcs(0)
 
 
@@ -145,7 +181,12 @@ def test_a_picture_shows_what_is_foreseen(tmp_path: Path) -> None:
     tree = ET.parse(tmp_path / "machine.svg")
     groups = tree.iter("{http://www.w3.org/2000/svg}g")
     classes = {group.get("id"): group.get("class", "").split()[-1] for group in groups}
-    assert [classes[f"state-{number}"] for number in (0, 1, 3, 4)] == ["node", "current", "foreseen", "foreseen"]
+    assert [classes[f"state-{number}"] for number in (0, 1, 3, 4)] == [
+        "node",
+        "current",
+        "foreseen",
+        "foreseen",
+    ]
     assert {"75%", "90%"} <= {text.text for text in tree.iter("{http://www.w3.org/2000/svg}text")}
     with pytest.raises(MisuseError, match="a machine can be drawn as"):
         DELIVER.draw(tmp_path / "machine.txt")

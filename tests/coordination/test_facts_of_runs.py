@@ -1,4 +1,6 @@
-"""Facts in runs: what early work changes is undone where it matters, and the machine goes the way that it goes without."""
+"""Facts in runs: what early work changes is undone where it matters, and the machine goes the way
+that it goes without.
+"""
 
 import pytest
 from coordination.delivery_robot import (
@@ -17,7 +19,15 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_behaviours.coordination import Activity, Coordination, Discrete, Do, Perceived, Prior, Situation
+from tca_behaviours.coordination import (
+    Activity,
+    Coordination,
+    Discrete,
+    Do,
+    Perceived,
+    Prior,
+    Situation,
+)
 from tca_module import ExceptionHandler, Module, Task, TaskFailed, connect
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import StateChanged
@@ -28,8 +38,14 @@ FACTS = AT_HOME | {"lid": "shut"}
 def fork(free: Activity, *taken: Activity) -> Coordination:
     """The base goes to B; then one activity follows if box B is free, and else others."""
     with Coordination("fork", facts=FACTS) as machine:
-        to_b, if_free, end = machine.state("to B", base("B")), machine.state("free", free), machine.final("end")
-        states = [machine.state(f"taken {number}", activity) for number, activity in enumerate(taken, 1)]
+        to_b, if_free, end = (
+            machine.state("to B", base("B")),
+            machine.state("free", free),
+            machine.final("end"),
+        )
+        states = [
+            machine.state(f"taken {number}", activity) for number, activity in enumerate(taken, 1)
+        ]
         to_b.to(if_free, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
         to_b.to(states[0], likelihood=Perceived(BOX_B_FREE, negated=True))
         if_free.to(end)
@@ -61,7 +77,10 @@ def test_what_is_done_outlives_a_flicker() -> None:
 
 
 def test_nothing_is_undone_that_is_made_anew() -> None:
-    with play(fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")), AS_SOON_AS_LIKELY) as run:
+    with play(
+        fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")),
+        AS_SOON_AS_LIKELY,
+    ) as run:
         assert "arm to home: restoring" not in " ".join(mistaken(run))
         assert run.happened()[-1].endswith("-> end (done)")
 
@@ -107,22 +126,31 @@ def test_what_cannot_be_restored_fails() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken()
-        with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"):
+        with pytest.raises(
+            TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"
+        ):
             ran.result(timeout=5)
 
 
 def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
     with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken()
-        with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"):
+        with pytest.raises(
+            TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"
+        ):
             ran.result(timeout=5)
         assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
 
 
 def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> None:
-    """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the arm is not there."""
+    """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the
+    arm is not there.
+    """
     with Coordination("past", facts=FACTS) as machine:
-        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", undo=HOME))
+        to_b, reach = (
+            machine.state("to B", base("B")),
+            machine.state("reach", arm("box B", undo=HOME)),
+        )
         drop, end = machine.state("drop", opened(arm="box B")), machine.final("end")
         to_b.to(reach, when=BOX_B_FREE, likelihood=Prior(0.9))
         to_b.to(drop, likelihood=Prior(0.1))
@@ -142,7 +170,10 @@ def test_guards_see_the_facts_of_the_machine() -> None:
         return situation.facts["arm"] == "home"
 
     with Coordination("guarded", facts=FACTS) as machine:
-        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", undo=HOME))
+        to_b, reach = (
+            machine.state("to B", base("B")),
+            machine.state("reach", arm("box B", undo=HOME)),
+        )
         lost, end = machine.final("lost"), machine.final("end")
         to_b.to(reach, when=is_home, likelihood=Prior(0.9))
         to_b.to(lost)
@@ -156,7 +187,10 @@ def test_guards_see_the_facts_of_the_machine() -> None:
 
 def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
     with Coordination("round", facts=FACTS) as machine:
-        reach, grasp = machine.state("reach", arm("stuck")), machine.state("grasp", opened(arm="stuck"))
+        reach, grasp = (
+            machine.state("reach", arm("stuck")),
+            machine.state("grasp", opened(arm="stuck")),
+        )
         reach.to(grasp)
         reach.to(grasp, on="failed")
         grasp.to(machine.final("end"))
@@ -182,7 +216,11 @@ def test_what_is_left_lets_go_of_facts_first() -> None:
 
     careful = Activity(Do(MOVE_BASE, "B", BASE), needs={"arm": "home"})
     with Coordination("careful", facts=FACTS) as machine:
-        there, wave, end = machine.state("there", careful), machine.state("wave", arm("up")), machine.final("end")
+        there, wave, end = (
+            machine.state("there", careful),
+            machine.state("wave", arm("up")),
+            machine.final("end"),
+        )
         there.to(end)
         there.to(wave, on="greet")
         wave.to(end)
@@ -225,9 +263,15 @@ def test_a_report_tells_of_news_only() -> None:
         run.central.advance(2)  # the base reports its progress
         run.box_b(0.0)
         run.box_b(0.0)
-        reports = [read_report(fact.body) for fact in run.central.facts if isinstance(fact, StateChanged)]
+        reports = [
+            read_report(fact.body) for fact in run.central.facts if isinstance(fact, StateChanged)
+        ]
         chart = run.coordinator.chart
-        assert [[chart.states[one.state].label for one in report.preview] for report in reports if report] == [
+        assert [
+            [chart.states[one.state].label for one in report.preview]
+            for report in reports
+            if report
+        ] == [
             ["free", "end"],
             ["taken 1", "end"],
         ]

@@ -1,4 +1,6 @@
-"""A robot brings an object to box B, or to C if B is occupied: what it foresees, and what it does ahead."""
+"""A robot brings an object to box B, or to C if B is occupied: what it foresees, and what it does
+ahead.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -26,7 +28,13 @@ from tca_behaviours.coordination import (
     progress_only,
 )
 from tca_behaviours.coordination.preview.branches import needed_later
-from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, LookAhead, Present, WorkPhase
+from tca_behaviours.coordination.preview.decide import (
+    Decision,
+    EarlyWork,
+    LookAhead,
+    Present,
+    WorkPhase,
+)
 from tca_module import Command, MisuseError, Variable
 from tca_wire.coordination import Foreseen, Objection, Reason
 
@@ -49,7 +57,10 @@ def arm(pose: str, *, can_undo: bool = False) -> Activity:
 
 def drop(place: str) -> Activity:
     return Activity(
-        Do(MOVE_GRIPPER, "open", GRIPPER), needs={"arm": place, "base": place}, makes={"holding": False}, cost=5.0
+        Do(MOVE_GRIPPER, "open", GRIPPER),
+        needs={"arm": place, "base": place},
+        makes={"holding": False},
+        cost=5.0,
     )
 
 
@@ -90,8 +101,12 @@ def situation(free: float | None = 1.0, progress: float = 0.0) -> Situation:
     return Situation("", START, {BOX_B_FREE.name: free}, progress)
 
 
-def foreseen(current: str, free: float | None = 1.0, limits: PreviewLimits | None = None) -> list[str]:
-    found = most_likely(DELIVER.automaton(situation(free)), number(current), limits or PreviewLimits())
+def foreseen(
+    current: str, free: float | None = 1.0, limits: PreviewLimits | None = None
+) -> list[str]:
+    found = most_likely(
+        DELIVER.automaton(situation(free)), number(current), limits or PreviewLimits()
+    )
     return [LABELS[one.state] for one in found]
 
 
@@ -118,7 +133,9 @@ def decided(
         work=work,
         spoilt=spoilt,
     )
-    look_ahead = LookAhead(policy or Discrete(0.5, progress_only), PreviewLimits(), needed_later(machine))
+    look_ahead = LookAhead(
+        policy or Discrete(0.5, progress_only), PreviewLimits(), needed_later(machine)
+    )
     return look_ahead.decide(automaton, present)
 
 
@@ -126,13 +143,18 @@ def ahead(label: str, phase: WorkPhase = WorkPhase.RUNNING, progress: float = 0.
     return EarlyWork(number(label), phase, progress)
 
 
-# --- what is foreseen --------------------------------------------------------------------------------------------------
+# --- what is foreseen -----------------------------------------------------------------------------
 
 
 def test_the_likely_way_is_foreseen_up_to_the_state_that_waits() -> None:
     way_back = ["tucking", "going to A", "homing", "waiting"]
     assert foreseen("going to B") == ["arm to B", "dropping at B", "dropped at B", *way_back]
-    assert foreseen("going to B", free=0.3) == ["going to C", "arm to C", "dropping at C", *way_back]
+    assert foreseen("going to B", free=0.3) == [
+        "going to C",
+        "arm to C",
+        "dropping at C",
+        *way_back,
+    ]
     assert foreseen("going to B", free=None) == [], "nobody knows"
     assert foreseen("waiting") == [], "an event of others is not foreseen"
 
@@ -153,18 +175,30 @@ def test_of_equally_probable_paths_the_shorter_one_and_then_the_first_one() -> N
 
     ends: dict[int, list[LikelyArrow]] = {8: [], 9: []}
     assert most_likely(Drawn({0: arrows(1, 9), 1: arrows(8), **ends}), 0) == [Foreseen(9, 0.5, 0.5)]
-    seen_late = Drawn({
-        0: [LikelyArrow("done", 1, 0.5), LikelyArrow("done", 3, 0.25)],
-        1: arrows(2), 2: [LikelyArrow("done", 8, 0.5), LikelyArrow("done", 0, 0.5)], 3: arrows(9), **ends,
-    })  # fmt: skip
+    seen_late = Drawn(
+        {
+            0: [LikelyArrow("done", 1, 0.5), LikelyArrow("done", 3, 0.25)],
+            1: arrows(2),
+            2: [LikelyArrow("done", 8, 0.5), LikelyArrow("done", 0, 0.5)],
+            3: arrows(9),
+            **ends,
+        }
+    )
     assert [one.state for one in most_likely(seen_late, 0)] == [3, 9], "0.25, as that by 1 and 2"
     two_long = Drawn({0: arrows(1, 2), 1: arrows(8), 2: arrows(9), **ends})
     assert [one.state for one in most_likely(two_long, 0)] == [1, 8]
     unlike = Drawn(
-        {0: [LikelyArrow("done", 1, 0.25), LikelyArrow("done", 2, 0.75)], 1: arrows(8), 2: arrows(3, 4, 9), **ends}
+        {
+            0: [LikelyArrow("done", 1, 0.25), LikelyArrow("done", 2, 0.75)],
+            1: arrows(8),
+            2: arrows(3, 4, 9),
+            **ends,
+        }
     )
     unlike.arrows |= {3: arrows(0), 4: arrows(0)}
-    assert [one.state for one in most_likely(unlike, 0)] == [1, 8], "both have 0.25; its first arrow is written first"
+    assert [one.state for one in most_likely(unlike, 0)] == [1, 8], (
+        "both have 0.25; its first arrow is written first"
+    )
 
 
 def test_a_path_of_a_thousand_unlikely_arrows_is_the_best_one_still() -> None:
@@ -198,7 +232,12 @@ def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
             state.to(following)
     automaton = machine.automaton(Situation())
     assert [one.state for one in most_likely(automaton, 1)] == [2, 0]
-    assert [one.state for one in most_likely(automaton, 1, PreviewLimits(horizon=4))] == [2, 0, 1, 2]
+    assert [one.state for one in most_likely(automaton, 1, PreviewLimits(horizon=4))] == [
+        2,
+        0,
+        1,
+        2,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -214,7 +253,7 @@ def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: st
         PreviewLimits(**wrong)  # type: ignore[arg-type]
 
 
-# --- what starts, and what does not ------------------------------------------------------------------------------------
+# --- what starts, and what does not ---------------------------------------------------------------
 
 
 def test_the_arm_moves_while_the_base_is_under_way() -> None:
@@ -231,7 +270,9 @@ def test_the_arm_moves_while_the_base_is_under_way() -> None:
 def test_nothing_starts_before_its_utility_is_enough() -> None:
     early = decided("going to B", progress=0.4)
     assert early.shares == {}
-    assert early.refused[0] == Objection(number("arm to B"), Reason.UTILITY, other=number("going to B"))
+    assert early.refused[0] == Objection(
+        number("arm to B"), Reason.UTILITY, other=number("going to B")
+    )
 
 
 def test_what_is_done_ahead_is_what_the_next_one_builds_on() -> None:
@@ -245,26 +286,39 @@ def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
     occupied = decided("going to C", without_arm, [ahead("arm to B")])
     assert occupied.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
     assert occupied.shares == {}, "the arm has not stopped yet"
-    assert occupied.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
+    assert occupied.refused[0] == Objection(
+        number("arm to C"), Reason.CONFLICT, "arm", number("arm to B")
+    )
 
     stopping = decided("going to C", without_arm, [ahead("arm to B", WorkPhase.STOPPING)])
     assert (stopping.shares, stopping.stops) == ({}, [])
-    assert stopping.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
+    assert stopping.refused[0] == Objection(
+        number("arm to C"), Reason.CONFLICT, "arm", number("arm to B")
+    )
 
     assert decided("going to C", without_arm).shares == {number("arm to C"): 1.0}
 
 
-def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_makes_the_same() -> None:
+def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_makes_the_same() -> (
+    None
+):
     decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
-    assert decision.stops == [Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))]
+    assert decision.stops == [
+        Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))
+    ]
     assert decision.shares == {number("arm to C"): 1.0}
 
 
 def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state() -> None:
-    """The arm was on its way to box B, which is occupied now. Nothing else moves the arm before the gripper opens."""
+    """The arm was on its way to box B, which is occupied now. Nothing else moves the arm before the
+    gripper opens.
+    """
     with Coordination("lasting", facts=START) as machine:
         going = machine.state("going to B", base("B"))
-        reach, greet = machine.state("arm to B", arm("B", can_undo=True)), machine.state("greeting", drop("A"))
+        reach, greet = (
+            machine.state("arm to B", arm("B", can_undo=True)),
+            machine.state("greeting", drop("A")),
+        )
         going.to(reach, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
         going.to(greet, likelihood=Perceived(BOX_B_FREE, negated=True))
         reach.to(going)
@@ -275,7 +329,9 @@ def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state(
     done = [EarlyWork(reach.number, WorkPhase.DONE)]
 
     def stops(current: str, free: float, *, is_new: bool) -> list[Objection]:
-        return decided(current, {**START, "arm": "B"}, done, machine=machine, free=free, is_new=is_new).stops
+        return decided(
+            current, {**START, "arm": "B"}, done, machine=machine, free=free, is_new=is_new
+        ).stops
 
     assert stops("going to B", 0.0, is_new=False) == []
     assert stops("going to B", 0.0, is_new=True) == [Objection(reach.number, Reason.NOT_FORESEEN)]
@@ -301,12 +357,17 @@ def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine(
     done = [EarlyWork(reach.number, WorkPhase.DONE)]
     present = Present(going.number, {**START, "arm": "B"}, situation(), work=done)
     limits = PreviewLimits(horizon=3)
-    assert LookAhead(Discrete(0.5), limits, needed_later(machine)).decide(automaton, present).stops == []
+    assert (
+        LookAhead(Discrete(0.5), limits, needed_later(machine)).decide(automaton, present).stops
+        == []
+    )
     assert len(asked) < 5
 
 
 def test_what_failed_ahead_is_left_to_its_turn() -> None:
-    decision = decided("going to B", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.FAILED)])
+    decision = decided(
+        "going to B", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.FAILED)]
+    )
     assert decision.refused[0] == Objection(number("arm to B"), Reason.FAILED)
     assert (decision.shares, decision.stops) == ({}, [])
 
@@ -316,7 +377,9 @@ def watched(undo: bool) -> Coordination:
     with Coordination("watched", facts=START) as machine:
         going = machine.state("going to B", base("B"))
         reach = machine.state("arm to B", arm("B", can_undo=undo))
-        greet = machine.state("greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"}))
+        greet = machine.state(
+            "greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"})
+        )
         end = machine.final("end")
         going.to(reach)
         going.to(greet, on="somebody comes")
@@ -333,14 +396,19 @@ def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> No
 
 
 def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
-    """The arm is moved anew by greeting. But that needs the light; without it, the arm is looked at as it is."""
+    """The arm is moved anew by greeting. But that needs the light; without it, the arm is looked at
+    as it is.
+    """
     with Coordination("dark", facts={**START, "light": "on"}) as machine:
         going = machine.state("going to B", base("B"))
         reach = machine.state("arm to B", arm("B"))
         greet = machine.state(
-            "greeting", Activity(Do(MOVE_ARM, "wave", ARM), needs={"light": "on"}, makes={"arm": "up"})
+            "greeting",
+            Activity(Do(MOVE_ARM, "wave", ARM), needs={"light": "on"}, makes={"arm": "up"}),
         )
-        look = machine.state("looking", Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "home"}))
+        look = machine.state(
+            "looking", Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "home"})
+        )
         end = machine.final("end")
         going.to(reach)
         going.to(greet, on="somebody comes")
@@ -367,9 +435,15 @@ def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
 def test_what_is_being_restored_is_left_alone() -> None:
     machine = watched(undo=False)
     home = EarlyWork(1, WorkPhase.RESTORING)
-    assert decided("greeting", machine=machine, work=[home]).refused == [Objection(1, Reason.CONFLICT, other=1)]
-    restoring = decided("going to C", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.RESTORING)])
-    assert restoring.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
+    assert decided("greeting", machine=machine, work=[home]).refused == [
+        Objection(1, Reason.CONFLICT, other=1)
+    ]
+    restoring = decided(
+        "going to C", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.RESTORING)]
+    )
+    assert restoring.refused[0] == Objection(
+        number("arm to C"), Reason.CONFLICT, "arm", number("arm to B")
+    )
 
 
 def lifting(**options: Any) -> Coordination:
@@ -392,7 +466,9 @@ def test_an_activity_that_runs_may_change_what_it_needed() -> None:
 
 
 def test_an_activity_that_changes_what_it_needs_must_be_undoable() -> None:
-    assert decided("going to B", machine=lifting()).refused == [Objection(1, Reason.BRANCH, "arm", 1)]
+    assert decided("going to B", machine=lifting()).refused == [
+        Objection(1, Reason.BRANCH, "arm", 1)
+    ]
 
 
 def test_nothing_is_built_on_what_comes_later() -> None:
@@ -463,13 +539,17 @@ def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
     with Coordination("costs", facts=START) as machine:
         going = machine.state("going to B", base("B"))
         reach = machine.state("arm to B", arm("B", can_undo=True))
-        greet = machine.state("greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"}))
+        greet = machine.state(
+            "greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"})
+        )
         end = machine.final("end")
         going.to(reach, likelihood=Prior(0.75))
         going.to(greet, on="somebody comes", likelihood=Prior(0.25))
         reach.to(end)
         greet.to(end)
-    assert decided("going to B", machine=machine, policy=policy, progress=0.5).shares == {}, "0.375 - 0.25 * 0.4"
+    assert decided("going to B", machine=machine, policy=policy, progress=0.5).shares == {}, (
+        "0.375 - 0.25 * 0.4"
+    )
     assert decided("going to B", machine=machine, policy=policy, progress=0.6).shares == {1: 1.0}
 
 
@@ -492,13 +572,17 @@ def test_the_agent_of_the_current_activity_is_its_own() -> None:
     decision = decided("looking", machine=machine, policy=always)
     assert (decision.shares, decision.refused) == ({1: 1.0}, [Objection(2, Reason.AGENT, "arm")])
     later = decided("looking", machine=machine, policy=always, work=[EarlyWork(2)])
-    assert later.stops == [Objection(2, Reason.AGENT, "arm")], "an earlier one comes before one that runs"
+    assert later.stops == [Objection(2, Reason.AGENT, "arm")], (
+        "an earlier one comes before one that runs"
+    )
     assert later.shares == {}, "but only when that has ended"
 
 
-# --- policies ----------------------------------------------------------------------------------------------------------
+# --- policies -------------------------------------------------------------------------------------
 
-LIKELY = Candidate(state=1, index=1, likelihood=0.9, probability=0.9, progress_before=0.5, cost=0.4, undo_cost=0.6)
+LIKELY = Candidate(
+    state=1, index=1, likelihood=0.9, probability=0.9, progress_before=0.5, cost=0.4, undo_cost=0.6
+)
 
 
 def test_the_expected_gain_counts_what_is_lost_if_the_prediction_is_wrong() -> None:
@@ -511,12 +595,16 @@ def test_an_activity_that_runs_is_not_asked_again_whether_it_is_too_early() -> N
     policy = Discrete(0.5)
     assert policy.share(LIKELY) == 0
     assert policy.share(Candidate(1, 1, 0.9, 0.9, 0.5, 0.4, 0.6, share=1.0)) == 1
-    assert policy.share(Candidate(1, 1, 0.3, 0.3, 0.9, 0.4, 0.6, share=1.0)) == 0, "but its path is unlikely now"
+    assert policy.share(Candidate(1, 1, 0.3, 0.3, 0.9, 0.4, 0.6, share=1.0)) == 0, (
+        "but its path is unlikely now"
+    )
 
 
 def test_a_continuous_policy_begins_slowly() -> None:
     policy = Continuous(0.2, 0.7, progress_only)
-    shares = [policy.share(Candidate(1, 1, 1, 1, before, 0)) for before in (0.1, 0.2, 0.3, 0.46, 0.7, 1.0)]
+    shares = [
+        policy.share(Candidate(1, 1, 1, 1, before, 0)) for before in (0.1, 0.2, 0.3, 0.46, 0.7, 1.0)
+    ]
     assert shares == [0, 0, 0.1, 0.5, 1, 1]
 
 

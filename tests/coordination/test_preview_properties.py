@@ -1,4 +1,6 @@
-"""Whatever the machine: the preview list is the most probable path, and early work is in nobody's way."""
+"""Whatever the machine: the preview list is the most probable path, and early work is in nobody's
+way.
+"""
 
 from collections.abc import Iterator, Sequence
 from random import Random
@@ -7,7 +9,14 @@ from coordination.drawn_machines import Drawn, PlayedRun, drawn_machine
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_behaviours.coordination import Continuous, Discrete, LikelyArrow, PreviewLimits, most_likely, progress_only
+from tca_behaviours.coordination import (
+    Continuous,
+    Discrete,
+    LikelyArrow,
+    PreviewLimits,
+    most_likely,
+    progress_only,
+)
 from tca_wire.coordination import Foreseen
 
 
@@ -48,14 +57,17 @@ LIMITS = st.builds(
 
 def is_steady(automaton: Drawn, state: int, limits: PreviewLimits) -> bool:
     likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
-    return 1 - sum(likelihoods) >= limits.final or all(one <= limits.transition for one in likelihoods)
+    return 1 - sum(likelihoods) >= limits.final or all(
+        one <= limits.transition for one in likelihoods
+    )
 
 
 def all_paths(
     automaton: Drawn, path: list[tuple[int, int, float]], limits: PreviewLimits
 ) -> Iterator[list[tuple[int, int, float]]]:
-    """All paths that end in a steady state or at the horizon: states, with the arrow and likelihood by which they are
-    entered. Without a horizon none goes in a circle: that would only make it less probable.
+    """All paths that end in a steady state or at the horizon: states, with the arrow and likelihood
+    by which they are entered. Without a horizon none goes in a circle: that would only make it less
+    probable.
     """
     state = path[-1][0]
     if is_steady(automaton, state, limits) or len(path) - 1 == limits.horizon:
@@ -64,7 +76,9 @@ def all_paths(
     for place, arrow in enumerate(automaton.arcs(state)):
         is_circle = any(arrow.target == entered for entered, _, _ in path)
         if arrow.likelihood > 0 and not (is_circle and limits.horizon is None):
-            yield from all_paths(automaton, [*path, (arrow.target, place, arrow.likelihood)], limits)
+            yield from all_paths(
+                automaton, [*path, (arrow.target, place, arrow.likelihood)], limits
+            )
 
 
 def probability(path: list[tuple[int, int, float]]) -> float:
@@ -75,11 +89,15 @@ def probability(path: list[tuple[int, int, float]]) -> float:
 
 
 @given(automata(), LIMITS)
-def test_the_list_is_what_a_search_of_all_paths_finds(automaton: Drawn, limits: PreviewLimits) -> None:
+def test_the_list_is_what_a_search_of_all_paths_finds(
+    automaton: Drawn, limits: PreviewLimits
+) -> None:
     paths = list(all_paths(automaton, [(0, 0, 1.0)], limits))
     if not paths:
         return
-    best = min(paths, key=lambda path: (-probability(path), len(path), [place for _, place, _ in path]))
+    best = min(
+        paths, key=lambda path: (-probability(path), len(path), [place for _, place, _ in path])
+    )
     assert most_likely(automaton, 0, limits) == [
         Foreseen(state, likelihood, probability(best[: place + 2]))
         for place, (state, _, likelihood) in enumerate(best[1:])
@@ -87,7 +105,9 @@ def test_the_list_is_what_a_search_of_all_paths_finds(automaton: Drawn, limits: 
 
 
 @given(automata(), LIMITS)
-def test_a_list_without_an_end_stops_before_a_state_comes_again(automaton: Drawn, limits: PreviewLimits) -> None:
+def test_a_list_without_an_end_stops_before_a_state_comes_again(
+    automaton: Drawn, limits: PreviewLimits
+) -> None:
     found = [0, *(one.state for one in most_likely(automaton, 0, limits))]
     if limits.horizon is None:
         assert len(found) == len(set(found))
@@ -95,10 +115,15 @@ def test_a_list_without_an_end_stops_before_a_state_comes_again(automaton: Drawn
         assert len(found) <= limits.horizon + 1
 
 
-@given(st.integers(0, 2**32), st.sampled_from((Discrete(0.0, progress_only), Discrete(0.3), Continuous(-0.5, 0.1))))
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from((Discrete(0.0, progress_only), Discrete(0.3), Continuous(-0.5, 0.1))),
+)
 def test_early_work_is_in_nobodys_way(seed: int, policy: Discrete | Continuous) -> None:
     random = Random(seed)
-    run = PlayedRun(drawn_machine(random), policy, random, PreviewLimits(0.6, horizon=random.choice((None, 4))))
+    run = PlayedRun(
+        drawn_machine(random), policy, random, PreviewLimits(0.6, horizon=random.choice((None, 4)))
+    )
     for _ in range(60):
         run.step()
 

@@ -1,4 +1,6 @@
-"""Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped clock."""
+"""Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped
+clock.
+"""
 
 import re
 from typing import Any
@@ -134,7 +136,9 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
 
 
 def test_each_visitor_is_greeted() -> None:
-    """The first one has gone before the robot comes to the door. What was said then is not for the second one."""
+    """The first one has gone before the robot comes to the door. What was said then is not for the
+    second one.
+    """
     seen = Perceived(BOX_B_FREE)
     with Coordination("patrol", facts={"base": "A"}) as machine:
         waiting, to_door = machine.state("waiting"), machine.state("to the door", base("B"))
@@ -248,7 +252,10 @@ def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
     with Coordination("solve", facts={"base": "A"}) as machine:
         states = [machine.state("to B", base("B"))]
         states += [
-            machine.state(name, Activity(Do(MOVE_ARM, name, solver), adapt=lambda name, _, rank: f"{name} {rank}"))
+            machine.state(
+                name,
+                Activity(Do(MOVE_ARM, name, solver), adapt=lambda name, _, rank: f"{name} {rank}"),
+            )
             for name in ("look", "hold")
         ]
         for state, following in zip(states, [*states[1:], machine.final("end")], strict=True):
@@ -265,7 +272,9 @@ def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
 
 
 def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
-    """They divide by zero, or give what is no number. Each is told once, and the arm does not move early."""
+    """They divide by zero, or give what is no number. Each is told once, and the arm does not move
+    early.
+    """
 
     def wrong(*_: object) -> float:
         return 1 / 0
@@ -288,7 +297,10 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
     for options, policy in zip(all_options, policies, strict=True):
         likelihood = wrong if policy is AS_SOON_AS_LIKELY else lambda _: 0.1 + 0.2 + 0.7 + 1e-15
         with Coordination("fork", facts=AT_HOME) as machine:
-            to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", **options))
+            to_b, reach = (
+                machine.state("to B", base("B")),
+                machine.state("reach", arm("box B", **options)),
+            )
             to_b.to(reach, likelihood=likelihood)
             reach.to(machine.final("end"), likelihood=Prior(0.0))
         caplog.clear()
@@ -296,11 +308,15 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
             ran = run.begin()
             run.central.advance(20)
             assert ran.result(timeout=5).kept == 0
-        assert len([one for one in caplog.records if re.search(r": \w+: ", one.message)]) == 1, options
+        assert len([one for one in caplog.records if re.search(r": \w+: ", one.message)]) == 1, (
+            options
+        )
 
 
 def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
-    """It raises, or gives what is no number. That is told once, and counts only if the state is entered."""
+    """It raises, or gives what is no number. That is told once, and counts only if the state is
+    entered.
+    """
 
     def unread(report: float) -> float:
         return report["done"]  # type: ignore[index,no-any-return]
@@ -339,7 +355,9 @@ def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
         task.report("half way")
         task.sleep(1)
 
-    with play(fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot) as run:
+    with play(
+        fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot
+    ) as run:
         ran = run.start_mistaken()
         assert ran.result(timeout=5).wasted == 1
 
@@ -424,7 +442,11 @@ def test_the_end_of_the_module_ends_all_that_runs() -> None:
             ran = other.command(run.coordinator.message, run.coordinator.chart)
             run.central.until_quiet()
             run.event("object given")
-            assert [task.message for task in other.tasks()] == ["coordinate deliver", "base to", "arm to"]
+            assert [task.message for task in other.tasks()] == [
+                "coordinate deliver",
+                "base to",
+                "arm to",
+            ]
             run.module.stop()
             run.central.until_quiet()
             assert ran.wait(timeout=5) is Outcome.FAILED
@@ -489,7 +511,8 @@ def test_the_likely_way_round_again() -> None:
         lift = machine.state("lift", arm("up", needs={"arm": "down"}))
         back = machine.state("back", base("A"))
         tidy = machine.state(
-            "tidy", Activity(Do(MOVE_BASE, "A"), Do(MOVE_ARM, "home"), makes={"base": "A", "arm": "home"})
+            "tidy",
+            Activity(Do(MOVE_BASE, "A"), Do(MOVE_ARM, "home"), makes={"base": "A", "arm": "home"}),
         )
         tidy.to(machine.final("end"))
         there.to(grasp)
@@ -502,7 +525,9 @@ def test_the_likely_way_round_again() -> None:
         run.begin()
         run.central.advance(40)
         run.event("enough")
-        assert [line for line in run.happened() if not line.endswith(("done", "done)", "current"))] == [
+        assert [
+            line for line in run.happened() if not line.endswith(("done", "done)", "current"))
+        ] == [
             "0 arm to down: ahead",
             "8 arm to down: kept",
             "8 base to A: ahead",

@@ -1,5 +1,5 @@
-"""Random machines: what python-statemachine does with events is what the flat automaton foresees, and that one is a
-deterministic probabilistic automaton (definition 1 of the paper).
+"""Random machines: what python-statemachine does with events is what the flat automaton foresees,
+and that one is a deterministic probabilistic automaton (definition 1 of the paper).
 """
 
 from itertools import combinations
@@ -26,21 +26,30 @@ from tca_module import Command
 from tca_wire.charts import StateKind
 
 MOVE = Command("move")
-MOST_ARE_REFUSED = settings(max_examples=lives(15, soak=100), suppress_health_check=[HealthCheck.filter_too_much])
+MOST_ARE_REFUSED = settings(
+    max_examples=lives(15, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
+)
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]
 GUARDS = ["g0", "g1"]
 """A guard is a fact that holds."""
 
 
-def write(machine: Coordination, data: st.DataObject, labels: list[str], depth: int) -> list[AuthoredState]:
+def write(
+    machine: Coordination, data: st.DataObject, labels: list[str], depth: int
+) -> list[AuthoredState]:
     """Some states, inside one another."""
     made: list[AuthoredState] = []
     for number in range(data.draw(st.integers(2, 4))):
         if not labels:
             break
         label = labels.pop()
-        kinds = ["activity", "wait", *(["final"] if number and depth else []), *(["compound"] * 3 if depth < 2 else [])]
+        kinds = [
+            "activity",
+            "wait",
+            *(["final"] if number and depth else []),
+            *(["compound"] * 3 if depth < 2 else []),
+        ]
         match data.draw(st.sampled_from(kinds)):
             case "final":
                 made.append(machine.final(label))
@@ -48,7 +57,9 @@ def write(machine: Coordination, data: st.DataObject, labels: list[str], depth: 
                 with machine.compound(label) as compound:
                     made += [compound, *write(machine, data, labels, depth + 1)]
             case kind:
-                made.append(machine.state(label, Activity(Do(MOVE)) if kind == "activity" else None))
+                made.append(
+                    machine.state(label, Activity(Do(MOVE)) if kind == "activity" else None)
+                )
     return made
 
 
@@ -62,10 +73,17 @@ def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
         )
         events = data.draw(st.sets(st.sampled_from(EVENTS[0 if can_be_done else 2 :]), min_size=1))
         for event in sorted(events | ({"done"} if can_be_done else set())):
-            guards: list[str | None] = [*data.draw(st.sets(st.sampled_from(GUARDS), max_size=1)), None]
+            guards: list[str | None] = [
+                *data.draw(st.sets(st.sampled_from(GUARDS), max_size=1)),
+                None,
+            ]
             for guard in guards:
                 target = data.draw(st.sampled_from(states))
-                likelihood = Prior(data.draw(st.sampled_from([0.0, 0.2, 0.4]))) if data.draw(st.booleans()) else None
+                likelihood = (
+                    Prior(data.draw(st.sampled_from([0.0, 0.2, 0.4])))
+                    if data.draw(st.booleans())
+                    else None
+                )
                 when = None if guard is None else (lambda now, name=guard: now.facts[name])
                 state.to(target, event, when=when, likelihood=likelihood, guard_name=guard or "")
 
@@ -80,7 +98,9 @@ def drawn(data: st.DataObject) -> Coordination:
     return machine
 
 
-def foreseen(machine: Coordination, leaf: int, event: str, facts: dict[str, Any]) -> list[TakenArrow]:
+def foreseen(
+    machine: Coordination, leaf: int, event: str, facts: dict[str, Any]
+) -> list[TakenArrow]:
     """The arrows of the automaton that an event takes."""
 
     def is_taken(arrow: LikelyArrow, event: str) -> bool:

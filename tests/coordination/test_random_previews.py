@@ -30,7 +30,9 @@ class Life(NamedTuple):
     @property
     def path(self) -> list[str]:
         """Its transitions."""
-        facts = [fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)]
+        facts = [
+            fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)
+        ]
         reports = [report for fact in facts if (report := read_report(fact.body)) and report.taken]
         return [f"{report.before} {report.taken} {report.current}" for report in reports]
 
@@ -87,4 +89,10 @@ def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
 @pytest.mark.soak
 def test_such_executions_often_begin_ahead() -> None:
     rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
-    assert sum(check_executions(machine, lived(machine, EAGER, seed).entries) for machine, seed in rounds) > 8
+    assert (
+        sum(
+            check_executions(machine, lived(machine, EAGER, seed).entries)
+            for machine, seed in rounds
+        )
+        > 8
+    )

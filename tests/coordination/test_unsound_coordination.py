@@ -176,7 +176,15 @@ def test_misuse_is_refused(approve: Callable[..., None]) -> None:
     def tell(case: str) -> str:
         machine = Coordination("m")
         with pytest.raises((MisuseError, BadData)) as refused, machine:
-            eval(case, {**vars(tca_module), **vars(tca_behaviours.coordination), **globals(), "m": machine})
+            eval(
+                case,
+                {
+                    **vars(tca_module),
+                    **vars(tca_behaviours.coordination),
+                    **globals(),
+                    "m": machine,
+                },
+            )
         return str(refused.value)
 
     approve("misuses.txt", tell)

@@ -27,15 +27,21 @@ BETWEEN = {
     "suspension": "suspend walk, kill step",
     "loss of who asked": "lose planner",
 }
-"""What may come in between: any of it, at any moment. In this order the pairs that are not soaked are cheap ones."""
+"""What may come in between: any of it, at any moment. In this order the pairs that are not soaked
+are cheap ones.
+"""
 
 
 def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") -> tca.Scenario:
-    """A user's walk is one step, of which its planner then asks something; or an operator who finds that step."""
+    """A user's walk is one step, of which its planner then asks something; or an operator who finds
+    that step.
+    """
 
     def module(name: str) -> tca.ScenarioModule:
         is_lost = f"lose {name}" in between
-        return scenario.module(name, may_be_lost=int(is_lost), comes_back=is_lost and name != "operator")
+        return scenario.module(
+            name, may_be_lost=int(is_lost), comes_back=is_lost and name != "operator"
+        )
 
     scenario = tca.Scenario(title)
     by_operator = "operator" in between
@@ -83,10 +89,19 @@ def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") 
     return scenario
 
 
-def those(world: tca.World, message: Message[Any, Any], *states: str, data: Any = None) -> list[tca.Seen]:
-    """The messages of that name (and data) of which all of that is true: "is_over", "is_killed", ..."""
-    return [one for one in world.messages if one.message == message.name and data in (None, one.data)
-            and all(getattr(one, state) for state in states)]  # fmt: skip
+def those(
+    world: tca.World, message: Message[Any, Any], *states: str, data: Any = None
+) -> list[tca.Seen]:
+    """The messages of that name (and data) of which all of that is true: "is_over", "is_killed",
+    ...
+    """
+    return [
+        one
+        for one in world.messages
+        if one.message == message.name
+        and data in (None, one.data)
+        and all(getattr(one, state) for state in states)
+    ]
 
 
 def over(message: Message[Any, Any], data: Any = None) -> Callable[[tca.World], list[tca.Seen]]:

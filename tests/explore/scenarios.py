@@ -1,4 +1,6 @@
-"""Small scenarios that several tests explore: a walk, and what goes wrong with it and is watched over."""
+"""Small scenarios that several tests explore: a walk, and what goes wrong with it and is watched
+over.
+"""
 
 from typing import Any
 
@@ -40,9 +42,15 @@ def found(scenario: Scenario, *properties: Property, **options: Any) -> str:
 
 
 def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: Any) -> Scenario:
-    """A user walks and then rests; a walk is steps, all but the first of which need not come in order."""
+    """A user walks and then rests; a walk is steps, all but the first of which need not come in
+    order.
+    """
     scenario = Scenario("walking", *properties)
-    planner, feet, user = scenario.module("planner"), scenario.module("legs", **legs), scenario.module("user")
+    planner, feet, user = (
+        scenario.module("planner"),
+        scenario.module("legs", **legs),
+        scenario.module("user"),
+    )
 
     @planner.handles(WALK)
     def walk(task: Task) -> None:
@@ -66,7 +74,9 @@ def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: 
 
 
 def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Scenario:
-    """A step that may slip each time; it is retried, then the walk is planned anew, then somebody gives up."""
+    """A step that may slip each time; it is retried, then the walk is planned anew, then somebody
+    gives up.
+    """
     scenario = Scenario("a recovery ladder", *properties)
     planner, expert = scenario.module("planner"), scenario.module("expert")
     scenario.module("legs").handles(STEP)(slips_or_not)
@@ -114,7 +124,9 @@ def tapped(condition: Condition, *properties: Property) -> Scenario:
 
 
 def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Scenario:
-    """A step that waits outside of locked legs is checked: somebody taps it, or the checks come with their module."""
+    """A step that waits outside of locked legs is checked: somebody taps it, or the checks come
+    with their module.
+    """
     scenario = Scenario("tapped late", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     safety = scenario.module("safety", arrives_late=safety_arrives_late)
@@ -152,14 +164,18 @@ def suspending(*properties: Property) -> Scenario:
 
 
 def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
-    """Two steps are created and then ordered, the newer one first; so many of them may be killed."""
+    """Two steps are created and then ordered, the newer one first; so many of them may be
+    killed.
+    """
     scenario = Scenario("ordered", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(nothing)
     scenario.may_kill(STEP, kills)
 
     @scenario.module("planner").handles(WALK)
     def walk(task: Task) -> None:
-        first, second = (task.command(STEP, one, sequential=False, suspended=suspended) for one in (1, 2))
+        first, second = (
+            task.command(STEP, one, sequential=False, suspended=suspended) for one in (1, 2)
+        )
         task.constrain(second.achieving.end <= first.achieving.start)
         if suspended:
             first.resume()
@@ -173,7 +189,9 @@ def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
 
 
 def late(*properties: Property, handled: bool = False) -> Scenario:
-    """A step that must be done in five seconds, and whose reply may be under way when they are over."""
+    """A step that must be done in five seconds, and whose reply may be under way when they are
+    over.
+    """
     scenario = Scenario("a deadline", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     expert = scenario.module("expert")
@@ -212,7 +230,9 @@ def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any
 
 
 def helped(*properties: Property, may_leave: bool = False) -> Scenario:
-    """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for what it can't do."""
+    """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for
+    what it can't do.
+    """
     scenario = Scenario("two steps slip", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(slips)
     scenario.module("helper", may_be_lost=1, may_leave=may_leave).handles(HIGHER)(resolves)

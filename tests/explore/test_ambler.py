@@ -1,7 +1,9 @@
-"""The Ambler's walking constraints plan at most one step ahead, in every order in which things can happen.
+"""The Ambler's walking constraints plan at most one step ahead, in every order in which things can
+happen.
 
-The scenario is who handles what, and what it sends, as in robots/ambler_sim/modules. Its messages are called as the
-robot's and have simpler data: the number of steps that are left. The last test holds it against the real modules.
+The scenario is who handles what, and what it sends, as in robots/ambler_sim/modules. Its messages
+are called as the robot's and have simpler data: the number of steps that are left. The last test
+holds it against the real modules.
 """
 
 import time
@@ -28,7 +30,18 @@ from tca_module import Broadcast, Command, Goal, PointMonitor, Query, connect, t
 from tca_module.testing import LocalCentral
 from tca_tools.check.events import take_event
 from tca_tools.check.world import JournalWorld
-from tca_tools.explore import Property, Scenario, Script, Task, achieved, always, at_most, before, begun, never_stuck
+from tca_tools.explore import (
+    Property,
+    Scenario,
+    Script,
+    Task,
+    achieved,
+    always,
+    at_most,
+    before,
+    begun,
+    never_stuck,
+)
 from tca_wire.journal.facts import Received
 from tca_wire.points import Moment
 
@@ -44,7 +57,9 @@ RANGES: Query[None, None] = Query("ranges", reply=None)
 STANCE: Query[None, None] = Query("stance", reply=None)
 POSITION_REACHED = Query("position reached", int, reply=int)
 WALKED = Broadcast("walked", int)
-ACHIEVED_POSITION = PointMonitor("achieved position?", int, condition=POSITION_REACHED, action=WALKED)
+ACHIEVED_POSITION = PointMonitor(
+    "achieved position?", int, condition=POSITION_REACHED, action=WALKED
+)
 
 
 def walk(steps: int, *properties: Property, plans_ahead: bool = True) -> Scenario:
@@ -133,15 +148,20 @@ def control(scenario: Scenario) -> None:
     def act(_: Task) -> None: ...
 
 
-# --- what holds in all its runs ----------------------------------------------------------------------------------------
+# --- what holds in all its runs -------------------------------------------------------------------
 
 Orders = set[tuple[str, str, tuple[Any, ...]]]
 
 
 def steps_planned_ahead(world: tca.World) -> list[Any]:
     """Steps whose planning has begun, and whose turn to be walked has not come."""
-    return [task for task in world.tasks if task.message == TAKE_STEPS.name and task.is_begun
-            and not task.has(Moment.START_ACHIEVING)]  # fmt: skip
+    return [
+        task
+        for task in world.tasks
+        if task.message == TAKE_STEPS.name
+        and task.is_begun
+        and not task.has(Moment.START_ACHIEVING)
+    ]
 
 
 def at_the_machine(world: tca.World) -> list[Any]:
@@ -151,12 +171,22 @@ def at_the_machine(world: tca.World) -> list[Any]:
 
 def in_order(steps: int) -> list[Any]:
     """Each move after the one before it, and each step after the one before it."""
-    moves = [(message, left) for left in range(steps, 0, -1) for message in (MOVE_LEG, MOVE_BODY, ACHIEVED_POSITION)]
+    moves = [
+        (message, left)
+        for left in range(steps, 0, -1)
+        for message in (MOVE_LEG, MOVE_BODY, ACHIEVED_POSITION)
+    ]
     return [before(achieved(*one), begun(*following)) for one, following in pairwise(moves)]
 
 
 def checked_walk(steps: int) -> tca.Scenario:
-    return walk(steps, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(steps), never_stuck())
+    return walk(
+        steps,
+        at_most(1, steps_planned_ahead),
+        at_most(1, at_the_machine),
+        *in_order(steps),
+        never_stuck(),
+    )
 
 
 @pytest.mark.soak
@@ -184,42 +214,61 @@ def test_without_the_constraint_planning_runs_away() -> None:
     assert len(result.violation.actions) < 60
 
 
-# --- the scenario is the robot ---------------------------------------------------------------------------------------
+# --- the scenario is the robot --------------------------------------------------------------------
 
 
 def orders(world: tca.World) -> Orders:
-    """Which task sends which, held by what: ``(parent, message, ((moment, moment, of what), ...))``."""
+    """Which task sends which, held by what: ``(parent, message, ((moment, moment, of what),
+    ...))``.
+    """
     found = set()
     for task in world.tasks:
         parent = world.parent(task)
         held = world.held(task)
         if all(leader for _, _, leader in held):
-            after = tuple((int(at), int(moment), "parent" if leader is parent else leader.message)
-                          for moment, at, leader in held if leader)  # fmt: skip
+            after = tuple(
+                (int(at), int(moment), "parent" if leader is parent else leader.message)
+                for moment, at, leader in held
+                if leader
+            )
             found.add((parent.message if parent else "", task.message, after))
     return found
 
 
 def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
-    """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
+    """The orders of a walk of three steps by the real modules; the third is planned while the first
+    is walked.
+    """
     robot, known, found = make_robot("kinematic"), JournalWorld([], is_whole=True), set()
     with LocalCentral(check=check_invariants) as central, ExitStack() as stack:
         move_leg = robot.move_leg
 
         def move_when_planned(*arguments: Any, **options: Any) -> Any:
             deadline = time.monotonic() + 10
-            while sum(isinstance(f, Received) and f.message == TAKE_STEPS.name for f in central.facts) < 3:
-                assert time.monotonic() < deadline, "the third step is not planned while the first is walked"
+            while (
+                sum(isinstance(f, Received) and f.message == TAKE_STEPS.name for f in central.facts)
+                < 3
+            ):
+                assert time.monotonic() < deadline, (
+                    "the third step is not planned while the first is walked"
+                )
                 time.sleep(0.002)
             return move_leg(*arguments, **options)
 
         monkeypatch.setattr(robot, "move_leg", move_when_planned)
-        modules = [gait_planner.planner, *planners.PLANNERS.values(), scanner.scanner, mapper.mapper]
+        modules = [
+            gait_planner.planner,
+            *planners.PLANNERS.values(),
+            scanner.scanner,
+            mapper.mapper,
+        ]
         for module in (*modules, controller.make_module(robot, None)):
             monkeypatch.setattr(module, "central", central)
             stack.enter_context(module.running())
         with connect("user", central) as user:
-            user.goal(messages.TRAVERSE_ARC, Arc(Pose(0.0, 0.0, 0.0, 0.0), 0.0, 1.2)).wait(timeout=20)
+            user.goal(messages.TRAVERSE_ARC, Arc(Pose(0.0, 0.0, 0.0, 0.0), 0.0, 1.2)).wait(
+                timeout=20
+            )
         for entry in central.entries:
             known.forget()
             take_event(known, entry)
@@ -239,5 +288,9 @@ def test_the_scenario_sends_what_the_robot_sends(monkeypatch: pytest.MonkeyPatch
     real = really_walked(monkeypatch)
     assert {order[:2] for order in real} == {order[:2] for order in played}
     assert real <= played
-    ahead = {order[:2] for order in real if any(moment == int(Moment.START_PLANNING) for _, moment, _ in order[2])}
+    ahead = {
+        order[:2]
+        for order in real
+        if any(moment == int(Moment.START_PLANNING) for _, moment, _ in order[2])
+    }
     assert ("take steps", "take steps") in ahead

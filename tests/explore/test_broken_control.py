@@ -1,4 +1,6 @@
-"""Rules of central for failures, wiretaps, monitors, suspension and time, broken one by one: each is found."""
+"""Rules of central for failures, wiretaps, monitors, suspension and time, broken one by one: each
+is found.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -6,7 +8,19 @@ from typing import Any
 
 import pytest
 from explore import scenarios
-from explore.scenarios import BATTERY, CHECK, HIGHER, RECHARGE, REPLAN, REST, SLIPPED, STEP, WALK, resolves, slips
+from explore.scenarios import (
+    BATTERY,
+    CHECK,
+    HIGHER,
+    RECHARGE,
+    REPLAN,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    resolves,
+    slips,
+)
 from explore.test_rules import crowd
 from explore.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
@@ -56,7 +70,11 @@ def followers_are_released_too_early(patch: Patch) -> None:
 
 def a_killed_task_releases_nobody(patch: Patch) -> None:
     real = Holds.release_followers
-    patch.setattr(Holds, "release_followers", lambda self, task, at: [] if task.killed else real(self, task, at))
+    patch.setattr(
+        Holds,
+        "release_followers",
+        lambda self, task, at: [] if task.killed else real(self, task, at),
+    )
 
 
 def a_slot_is_given_twice(patch: Patch) -> None:
@@ -69,14 +87,22 @@ def freed_slots_are_forgotten(patch: Patch) -> None:
 
 def a_parent_ends_before_its_children(patch: Patch) -> None:
     real = Agenda._may_reach
-    patch.setattr(Agenda, "_may_reach", lambda self, task, moment: moment == 32 or real(self, task, moment))
+    patch.setattr(
+        Agenda, "_may_reach", lambda self, task, moment: moment == 32 or real(self, task, moment)
+    )
 
 
 def a_before_tap_holds_nothing(patch: Patch) -> None:
     real = Holds.hold
-    patch.setattr(Holds, "hold", staticmethod(
-        lambda leader, at, task, moment, delay=0: None if leader.role else real(leader, at, task, moment, delay)
-    ))  # fmt: skip
+    patch.setattr(
+        Holds,
+        "hold",
+        staticmethod(
+            lambda leader, at, task, moment, delay=0: (
+                None if leader.role else real(leader, at, task, moment, delay)
+            )
+        ),
+    )
 
 
 def what_waits_when_a_tap_comes_does_not_pass_it(patch: Patch) -> None:
@@ -89,7 +115,9 @@ def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> 
 
 def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
     patch.setattr(
-        Agenda, "_may_start", lambda self, task: not task.children if task.retrying else MAY_START(self, task)
+        Agenda,
+        "_may_start",
+        lambda self, task: not task.children if task.retrying else MAY_START(self, task),
     )
 
 
@@ -155,12 +183,16 @@ def a_deadline_takes_the_task_from_its_handler(patch: Patch) -> None:
 
 def a_delay_is_no_delay(patch: Patch) -> None:
     real = Clock.after
-    patch.setattr(Clock, "after", lambda self, seconds, due, subject: real(self, seconds / 2, due, subject))
+    patch.setattr(
+        Clock, "after", lambda self, seconds, due, subject: real(self, seconds / 2, due, subject)
+    )
 
 
 def a_monitor_acts_once_more(patch: Patch) -> None:
     patch.setattr(
-        watches, "Watch", lambda task, options, *others, **named: Watch(task, once_more(options), *others, **named)
+        watches,
+        "Watch",
+        lambda task, options, *others, **named: Watch(task, once_more(options), *others, **named),
     )
 
 
@@ -187,7 +219,7 @@ def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
     patch.setitem(HANDLERS, Send, send)
 
 
-# --- what finds them -------------------------------------------------------------------------------------------------
+# --- what finds them ------------------------------------------------------------------------------
 
 
 def once(*properties: Any, higher: Callable[[tca.Task], None]) -> tca.Scenario:
@@ -252,7 +284,11 @@ def delayed(*properties: Any) -> tca.Scenario:
 
 
 def lives_on(world: tca.World) -> list[tca.Seen]:
-    return [task for task in world.tasks if task.message == WALK.name and world.now >= 1 and not task.is_killed]
+    return [
+        task
+        for task in world.tasks
+        if task.message == WALK.name and world.now >= 1 and not task.is_killed
+    ]
 
 
 def walk_and_kill() -> tca.Result:
@@ -270,7 +306,9 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
     freed_slots_are_forgotten: walk_and_kill,
     a_slot_is_given_twice: lambda: tca.explore(crowd(at_most(2, handled_by("legs")), notes=False)),
     a_before_tap_holds_nothing: lambda: tca.explore(scenarios.tapped(Condition.BEFORE_HANDLING)),
-    what_waits_when_a_tap_comes_does_not_pass_it: lambda: tca.explore(scenarios.tapped_late(IS_CHECKED)),
+    what_waits_when_a_tap_comes_does_not_pass_it: lambda: tca.explore(
+        scenarios.tapped_late(IS_CHECKED)
+    ),
     what_passed_a_tap_that_nobody_heard_does_not_pass_it_again: lambda: tca.explore(
         scenarios.tapped_late(IS_CHECKED, safety_arrives_late=True)
     ),
@@ -280,18 +318,26 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
     a_reissued_failure_is_searched_from_the_start: lambda: tca.explore(
         scenarios.ladder(at_most_in_all(4, sent(HIGHER)))
     ),
-    one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(mortal(never(killed(STEP)))),
+    one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(
+        mortal(never(killed(STEP)))
+    ),
     who_only_observes_has_dealt_with_it: lambda: tca.explore(once(higher=may_look_on)),
     calls_of_a_handler_are_not_counted: lambda: tca.explore(once(higher=retries)),
     what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), higher=resolves)),
-    a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(scenarios.late(never_stuck(), handled=True)),
+    a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(
+        scenarios.late(never_stuck(), handled=True)
+    ),
     a_delay_is_no_delay: lambda: tca.explore(delayed()),
     a_monitor_acts_once_more: lambda: tca.explore(
         scenarios.polling(BATTERY, at_most_in_all(1, fired(RECHARGE)), maximum=1)
     ),
     a_late_kill_kills_nothing: lambda: tca.explore(parting(never(lives_on))),
-    nothing_is_done_on_termination: lambda: tca.explore(parting(before(achieved(REST), walk_is_over))),
-    a_wait_is_never_over: lambda: tca.explore(scenarios.late(never_stuck(), eventually(achieved(REST)))),
+    nothing_is_done_on_termination: lambda: tca.explore(
+        parting(before(achieved(REST), walk_is_over))
+    ),
+    a_wait_is_never_over: lambda: tca.explore(
+        scenarios.late(never_stuck(), eventually(achieved(REST)))
+    ),
     what_nobody_handles_is_sent_all_the_same: lambda: tca.explore(maybe(never_stuck())),
 }
 

@@ -26,7 +26,17 @@ from explore.scenarios import (
 import tca_tools.explore as tca
 from tca_module import Condition, Refused, TaskFailed, TaskKilled, Timeout, this
 from tca_module import Task as ModuleTask
-from tca_tools.explore import achieved, at_most_in_all, before, begun, fired, killed, never, never_stuck, sent
+from tca_tools.explore import (
+    achieved,
+    at_most_in_all,
+    before,
+    begun,
+    fired,
+    killed,
+    never,
+    never_stuck,
+    sent,
+)
 from tca_wire.messages.controls import DemonMonitor, PointMonitor
 from tca_wire.messages.declarations import Command, Variable
 from tca_wire.vocabulary import Outcome, Scope
@@ -36,8 +46,12 @@ GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
 PACE: Variable[int] = Variable("pace", int)
 
 
-def robot(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> tca.Scenario:
-    """A user who walks, a planner that does it in some way, and others who do what they are told."""
+def robot(
+    walk: Callable[..., object], *properties: Any, **others: Callable[..., object]
+) -> tca.Scenario:
+    """A user who walks, a planner that does it in some way, and others who do what they are
+    told.
+    """
     scenario = tca.Scenario("a robot", *properties)
     scenario.module("planner").handles(WALK)(walk)
     module = scenario.module("others", capacity=2)
@@ -58,7 +72,11 @@ def played(walk: Callable[..., object], *properties: Any, **others: Callable[...
 
 def test_a_task_is_the_librarys_own() -> None:
     assert issubclass(tca.Task, ModuleTask)
-    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang", "use_kept"}
+    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {
+        "choose",
+        "hang",
+        "use_kept",
+    }
 
 
 def test_blocks_put_tasks_in_order() -> None:
@@ -126,7 +144,11 @@ def test_scopes_of_kills_and_points() -> None:
         assert third.wait_for(third.achieving.end) is Outcome.KILLED
 
     played(
-        walk, never(begun(STEP, 3)), never(begun(STEP, 4)), never(killed(WALK)), before(killed(STEP, 3), begun(STEP, 2))
+        walk,
+        never(begun(STEP, 3)),
+        never(begun(STEP, 4)),
+        never(killed(WALK)),
+        before(killed(STEP, 3), begun(STEP, 2)),
     )
 
 
@@ -196,7 +218,7 @@ def test_a_suspended_handler_may_hold() -> None:
     found(scenario, never(sent(WHERE)))
 
 
-# --- what can't be played --------------------------------------------------------------------------------------------
+# --- what can't be played -------------------------------------------------------------------------
 
 
 def asks_who_is_there(task: tca.Task) -> None:
@@ -239,7 +261,10 @@ def decides_for_ever(task: tca.Task) -> None:
 @pytest.mark.parametrize(
     ("handler", "words"),
     [
-        (asks_who_is_there, r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out"),
+        (
+            asks_who_is_there,
+            r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out",
+        ),
         (sleeps, r"sleep\(\) and wait_until\(\) is not explored"),
         (is_called_back, r"query_notify\(\) is not explored"),
         (waits_for_many, r"multi_query\(timeout=...\) is not explored"),

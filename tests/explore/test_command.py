@@ -44,7 +44,9 @@ def test_the_exit_code_is_the_answer(tmp_path: Path) -> None:
 
 
 def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: Path) -> None:
-    result = tca_explore(tmp_path, SCENARIO.replace("never(handled(STEP))", "never(handled(Command('stop')))"))
+    result = tca_explore(
+        tmp_path, SCENARIO.replace("never(handled(STEP))", "never(handled(Command('stop')))")
+    )
     assert result.exit_code == 2
     assert "scenario 'bad one': it can't be judged" in result.stderr
     assert "good one: good" in result.stdout
@@ -56,7 +58,10 @@ def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: 
         ("a = 1", "has no scenario: make a tca_tools.explore.Scenario at its top level"),
         ("\na = b", "scenarios.py, line 2: can't be run: NameError: name 'b' is not defined"),
         ("a = (", "can't be run: SyntaxError"),
-        (SCENARIO.replace("me.command(STEP)", "me.walk()"), "scenario 'good one': the script of user"),
+        (
+            SCENARIO.replace("me.command(STEP)", "me.walk()"),
+            "scenario 'good one': the script of user",
+        ),
     ],
 )
 def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words: str) -> None:
@@ -66,7 +71,9 @@ def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words
 
 
 def test_who_gives_up_is_told_what_there_was_most_of(tmp_path: Path) -> None:
-    """The parts of a scenario that multiply its states are named, the most often first: here a clock nobody asks about."""
+    """The parts of a scenario that multiply its states are named, the most often first: here a
+    clock nobody asks about.
+    """
     text = """
 from tca_tools.explore import Scenario, never_stuck
 from tca_module import Command, PollingMonitor, Query
@@ -97,11 +104,15 @@ def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
     (tmp_path / "stepping.py").write_text(
         "from tca_wire.messages.declarations import Command\nSTEP = Command('step')\n"
     )
-    text = SCENARIO.replace('STEP = Command("step")', "from stepping import STEP").replace("never(handled(STEP))", "")
+    text = SCENARIO.replace('STEP = Command("step")', "from stepping import STEP").replace(
+        "never(handled(STEP))", ""
+    )
     path = tmp_path / "scenarios.py"
     path.write_text(text)
     code = "from tca_tools.explore.command import explore_file; explore_file()"
-    ran = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60, check=False
+    )
     assert ran.returncode == 0, ran.stderr
     assert "good one: good, 3 states" in ran.stdout
 
@@ -121,13 +132,21 @@ def test_the_counterexample_in_the_documentation_is_that_of_its_scenario(tmp_pat
 
 
 def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None:
-    """In a line of the terminal that is gone in the end; what is written elsewhere has nothing of it."""
+    """In a line of the terminal that is gone in the end; what is written elsewhere has nothing of
+    it.
+    """
     path = tmp_path / "scenarios.py"
-    path.write_text(SCENARIO + "for name in 'abc':\n    GOOD.module(name).does(lambda me: [me.command(STEP)])")
+    path.write_text(
+        SCENARIO + "for name in 'abc':\n    GOOD.module(name).does(lambda me: [me.command(STEP)])"
+    )
     ours, theirs = os.openpty()
     code = "from tca_tools.explore.command import explore_file; explore_file()"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, stderr=theirs, timeout=60, check=False
+        [sys.executable, "-c", code, str(path)],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        timeout=60,
+        check=False,
     )
     shown = os.read(ours, 100_000).decode()
     os.close(ours)

@@ -1,4 +1,6 @@
-"""The search itself: what it takes for known, what it checks, in which order, and what it says of it."""
+"""The search itself: what it takes for known, what it checks, in which order, and what it says of
+it.
+"""
 
 import contextlib
 import re
@@ -14,7 +16,17 @@ from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.model.resources import Queue
 from tca_module import TaskFailed, TaskKilled
-from tca_tools.explore import achieved, always, at_most_in_all, before, begun, eventually, never, never_stuck, sent
+from tca_tools.explore import (
+    achieved,
+    always,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    never,
+    never_stuck,
+    sent,
+)
 from tca_tools.explore.play.play import Play
 from tca_tools.explore.search.snapshot import Snapshots
 from tca_wire.messages.declarations import Command
@@ -39,13 +51,20 @@ def one_by_one(world: tca.World) -> bool:
 
 
 def other_first(world: tca.World) -> bool:
-    return any(task.message == "other" and task.is_over for task in world.tasks) and len(world.tasks) == 2
+    return (
+        any(task.message == "other" and task.is_over for task in world.tasks)
+        and len(world.tasks) == 2
+    )
 
 
 @pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
 @pytest.mark.parametrize("may_be", [at_once, other_first])
-def test_what_a_property_remembers_is_part_of_the_state(names: tuple[str, str], may_be: Any) -> None:
-    """Both are done in the end, whether they were under way at once or not; whichever way is tried first."""
+def test_what_a_property_remembers_is_part_of_the_state(
+    names: tuple[str, str], may_be: Any
+) -> None:
+    """Both are done in the end, whether they were under way at once or not; whichever way is tried
+    first.
+    """
     found(strangers(eventually(may_be), names=names))
     found(strangers(eventually(nothing), names=names))
     good(strangers(eventually(lambda world: at_once(world) or one_by_one(world)), names=names))
@@ -108,7 +127,9 @@ def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
 
 
 def test_all_is_counted() -> None:
-    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of nine."""
+    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of
+    nine.
+    """
     result = tca.explore(strangers(never_stuck()))
     assert (result.states, result.steps, result.ends, result.longest) == (9, 12, 1, 4)
     assert result.vacuous == ()
@@ -116,13 +137,15 @@ def test_all_is_counted() -> None:
 
 def test_whoever_watches_is_told_how_far_it_is() -> None:
     told: list[tuple[int, int]] = []
-    result = tca.explore(walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go)))
+    result = tca.explore(
+        walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go))
+    )
     assert told
     assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in told)
     assert told == sorted(told, key=lambda one: one[0])
 
 
-# --- going on from a snapshot ----------------------------------------------------------------------------------------
+# --- going on from a snapshot ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -175,7 +198,7 @@ def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
     assert other.world.items
 
 
-# --- the nearest comes first -----------------------------------------------------------------------------------------
+# --- the nearest comes first ----------------------------------------------------------------------
 
 
 def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
@@ -207,7 +230,7 @@ def test_what_ends_is_judged_before_what_goes_on() -> None:
     assert len(result.violation.actions) == 4
 
 
-# --- what tells states from each other -------------------------------------------------------------------------------
+# --- what tells states from each other ------------------------------------------------------------
 
 
 def ended_long_ago(me: tca.Script) -> object:
@@ -244,7 +267,9 @@ def test_what_is_only_told_later(later: Callable[[tca.Script], object], result: 
 
 
 def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
-    """What may still happen is part of the state: a step that may be killed once, on legs that may be lost once."""
+    """What may still happen is part of the state: a step that may be killed once, on legs that may
+    be lost once.
+    """
     scenario = tca.Scenario("still to come", *properties)
     scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
 
@@ -288,7 +313,7 @@ def test_how_long_something_still_takes(seconds: float) -> None:
     good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
 
 
-# --- what people read: a line, or the shortest counterexample --------------------------------------------------------
+# --- what people read: a line, or the shortest counterexample -------------------------------------
 
 
 SHORTEST = """\
@@ -320,7 +345,9 @@ def test_the_shortest_counterexample_is_shown() -> None:
 
 
 def test_no_run_with_fewer_actions_shows_it() -> None:
-    """The same scenario without the property: nothing in reach of three actions is the end of a walk."""
+    """The same scenario without the property: nothing in reach of three actions is the end of a
+    walk.
+    """
     result = tca.explore(walking(never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
@@ -335,7 +362,10 @@ def test_a_limit_is_no_answer() -> None:
     result = tca.explore(walking(never_stuck()), limit=20)
     assert not result.ok
     first, second = tca.report(result).splitlines()
-    assert first == "walking: not known, nothing wrong in the first 21 states: make it smaller, or raise the limit"
+    assert (
+        first
+        == "walking: not known, nothing wrong in the first 21 states: make it smaller, or raise the limit"
+    )
     assert second.startswith("  open beside other things: steps of user (")
 
 
@@ -359,7 +389,8 @@ def test_what_is_stuck_is_named() -> None:
     *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
     assert why == "  => nothing further need happen, and this is left:"
     assert (
-        second.strip() == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
+        second.strip()
+        == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
     )
     assert who.strip() == "walk {2} has not ended: nothing reached; queued"
     assert what.strip() == "planner in walk {1} waits for end achieving of walk {2}"

@@ -1,4 +1,6 @@
-"""States that are taken for the same are the same: whatever can happen next leads to the same states again."""
+"""States that are taken for the same are the same: whatever can happen next leads to the same
+states again.
+"""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
@@ -7,7 +9,19 @@ from random import Random
 
 import pytest
 from explore import scenarios
-from explore.scenarios import BATTERY, CHECK, HEIGHTS, HIGHER, IS_LOW, NOTE, RECHARGE, SLIPPED, STEP, WALK, WHERE
+from explore.scenarios import (
+    BATTERY,
+    CHECK,
+    HEIGHTS,
+    HIGHER,
+    IS_LOW,
+    NOTE,
+    RECHARGE,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+)
 from explore.test_ambler import walk
 from sampling import one_in
 
@@ -15,7 +29,14 @@ from tca_central.control.steering import PendingKill
 from tca_central.core import Central
 from tca_central.events import ConnectionId
 from tca_central.model.contexts import FailureContext
-from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, ModuleResource
+from tca_central.model.deliveries import (
+    AttachedHandler,
+    Connection,
+    Delivery,
+    MessageType,
+    Module,
+    ModuleResource,
+)
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import TaskTree
@@ -80,9 +101,14 @@ def tries_again(task: Task) -> None:
 
 
 def watched() -> Scenario:
-    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits that end in time."""
+    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits
+    that end in time.
+    """
     scenario = Scenario("watched")
-    planner, feet = scenario.module("planner"), scenario.module("legs", may_be_lost=1, comes_back=True)
+    planner, feet = (
+        scenario.module("planner"),
+        scenario.module("legs", may_be_lost=1, comes_back=True),
+    )
     scenario.module("expert").handles(HIGHER)(tries_again)
     scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
     scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
@@ -94,7 +120,9 @@ def watched() -> Scenario:
         task.monitor(BATTERY, period=2.0, maximum=1)
         first = task.command(STEP, 1, deadline=3.0)
         first.on_failure(None, HIGHER, maximum=1)
-        second = task.command(STEP, 2, delay=1.0, constraints=[first.handling.end + 0.5 <= this.achieving.start])
+        second = task.command(
+            STEP, 2, delay=1.0, constraints=[first.handling.end + 0.5 <= this.achieving.start]
+        )
         second.kill(delay=4.0)
         with contextlib.suppress(Timeout):
             second.wait(timeout=2.5)
@@ -142,7 +170,9 @@ def play(scenario: Scenario, path: Path) -> Play:
 def following(
     path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
 ) -> Iterator[tuple[Path, Play, bytes]]:
-    """What follows, each with its state; and what properties see of that is what they saw of an equal one."""
+    """What follows, each with its state; and what properties see of that is what they saw of an
+    equal one.
+    """
     for action in played().actions():
         after = played()
         after.perform(action)
@@ -173,7 +203,9 @@ def seen_in(world: World) -> object:
 
 
 @pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
-def test_what_follows_equal_states_is_equal(name: str, kind: str, request: pytest.FixtureRequest) -> None:
+def test_what_follows_equal_states_is_equal(
+    name: str, kind: str, request: pytest.FixtureRequest
+) -> None:
     (make, number), detail = SCENARIOS[name], DETAILS[kind]
     if not request.node.get_closest_marker("soak"):
         number //= 2
@@ -184,7 +216,9 @@ def test_what_follows_equal_states_is_equal(name: str, kind: str, request: pytes
     merged = 0
     for path, snapshot, key in paths:
         following_here = set()
-        for longer, after, reached in following(path, partial(snapshots.load, snapshot), detail, views):
+        for longer, after, reached in following(
+            path, partial(snapshots.load, snapshot), detail, views
+        ):
             following_here.add(reached)
             if key not in known and len(paths) < number:
                 paths.append((longer, snapshots.save(after), reached))
@@ -210,10 +244,22 @@ def test_the_world_is_as_central_is(name: str) -> None:
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
                 attempts = (task.recovery.attempts if task.recovery else 1) + task.retrying
-                assert (seen.reached, seen.is_suspended, seen.is_killed, seen.is_handled, seen.is_queued) == (
-                    task.reached, task.suspended, bool(task.killed), task.is_running, task.queues is not None
-                ), seen  # fmt: skip
-                assert (seen.attempts, seen.role, seen.body) == (attempts, task.role, task.body), seen
+                assert (
+                    seen.reached,
+                    seen.is_suspended,
+                    seen.is_killed,
+                    seen.is_handled,
+                    seen.is_queued,
+                ) == (
+                    task.reached,
+                    task.suspended,
+                    bool(task.killed),
+                    task.is_running,
+                    task.queues is not None,
+                ), seen
+                assert (seen.attempts, seen.role, seen.body) == (attempts, task.role, task.body), (
+                    seen
+                )
                 failure = "" if task.failure is None or task.is_dealt_with else task.failure[0]
                 assert seen.failure == failure, seen
 
@@ -235,7 +281,9 @@ def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["s
 
 
 def test_symmetric_orders_are_one_state() -> None:
-    """Which of two modules that do not know each other sends first does not matter once both have sent."""
+    """Which of two modules that do not know each other sends first does not matter once both have
+    sent.
+    """
     scenario, first, second = two(lambda me: [me.command(STEP).wait()])
     ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
     assert len(ends) == 1
@@ -243,7 +291,10 @@ def test_symmetric_orders_are_one_state() -> None:
 
 def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
     scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
-    ways = [(step, note, Action(ActionKind.STEP, "legs/2")), (note, step, Action(ActionKind.STEP, "legs/1"))]
+    ways = [
+        (step, note, Action(ActionKind.STEP, "legs/2")),
+        (note, step, Action(ActionKind.STEP, "legs/1")),
+    ]
     first, second = (play(scenario, way) for way in ways)
     assert [task.is_handled for task in (*first.world.tasks, *second.world.tasks)] == [True, True]
     assert fingerprint(first, ()) == fingerprint(second, ())
@@ -259,7 +310,9 @@ def test_what_is_older_matters_only_where_messages_are_followed() -> None:
 
 def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> None:
     scenario = Scenario("two times")
-    scenario.module("user").does(lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))])
+    scenario.module("user").does(
+        lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))]
+    )
     first, second = Play(scenario), Play(scenario)
     second.now = 1.5
     assert fingerprint(first, ()) == fingerprint(second, ())

@@ -1,4 +1,6 @@
-"""\"Good\" holds for every run, whatever properties look at; and a property that says nothing is named."""
+"""\"Good\" holds for every run, whatever properties look at; and a property that says nothing is
+named.
+"""
 
 from typing import Any
 
@@ -28,7 +30,7 @@ IS_LOW: Query[None, bool] = Query("is low", reply=bool)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 
-# --- time ------------------------------------------------------------------------------------------------------------
+# --- time -----------------------------------------------------------------------------------------
 
 
 def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) -> tca.Scenario:
@@ -50,12 +52,18 @@ def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) ->
 
 
 def is_late(world: tca.World) -> list[tca.Seen]:
-    return [task for task in world.tasks if world.now > 5 and task.message == STEP.name and task.data == "pour"]
+    return [
+        task
+        for task in world.tasks
+        if world.now > 5 and task.message == STEP.name and task.data == "pour"
+    ]
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
 def test_what_looks_at_the_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
-    """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one that counts."""
+    """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one
+    that counts.
+    """
     result = tca.explore(tea(never(is_late), order=order))
     assert result.violation is not None, tca.report(result)
     assert "3 s pass" in tca.report(result)
@@ -116,7 +124,7 @@ def test_within_does_not_make_a_scenario_endless() -> None:
     found(polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1)))
 
 
-# --- names -----------------------------------------------------------------------------------------------------------
+# --- names ----------------------------------------------------------------------------------------
 
 
 def first_id(world: tca.World) -> object:
@@ -137,13 +145,16 @@ def first_id(world: tca.World) -> object:
 )
 def test_an_id_is_only_a_name(looks: Any) -> None:
     with pytest.raises(
-        tca.ScenarioError, match="an id is another number in each run: it can be compared with other ids"
+        tca.ScenarioError,
+        match="an id is another number in each run: it can be compared with other ids",
     ):
         tca.explore(walking(never(looks)))
 
 
 def test_the_age_of_messages_can_not_be_told() -> None:
-    with pytest.raises(tca.ScenarioError, match="messages have no order here: choose by what they are"):
+    with pytest.raises(
+        tca.ScenarioError, match="messages have no order here: choose by what they are"
+    ):
         tca.explore(walking(never(lambda world: world.tasks[0])))
 
 
@@ -162,9 +173,13 @@ def test_names_say_nothing_in_other_ways_either() -> None:
 
 def test_relatives_are_found() -> None:
     def is_orphan(world: tca.World) -> list[tca.Seen]:
-        return [task for task in world.tasks if task.message == STEP.name
-                and (parent := world.parent(task)) is not None
-                and (task not in world.children(parent) or parent.message != WALK.name)]  # fmt: skip
+        return [
+            task
+            for task in world.tasks
+            if task.message == STEP.name
+            and (parent := world.parent(task)) is not None
+            and (task not in world.children(parent) or parent.message != WALK.name)
+        ]
 
     good(walking(never(is_orphan)))
     found(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
@@ -172,8 +187,12 @@ def test_relatives_are_found() -> None:
 
 def test_what_holds_a_task_is_seen() -> None:
     def waits_for_the_first(world: tca.World) -> bool:
-        return any(leader is not None and leader.data == 0 for task in world.tasks if task.data == 1
-                   for _, _, leader in world.held(task))  # fmt: skip
+        return any(
+            leader is not None and leader.data == 0
+            for task in world.tasks
+            if task.data == 1
+            for _, _, leader in world.held(task)
+        )
 
     found(walking(never(waits_for_the_first)))
 
@@ -184,12 +203,16 @@ def test_who_is_there_is_seen() -> None:
     good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
 
 
-# --- what says nothing -----------------------------------------------------------------------------------------------
+# --- what says nothing ----------------------------------------------------------------------------
 
 
 def test_a_property_that_is_about_nothing_is_named() -> None:
-    scenario = walking(before(achieved(WALK), begun(LIFT)), at_most(1, handled(LIFT)),
-                             within(1.0, sent(LIFT), achieved(LIFT)), before(achieved(WALK), achieved(REST)))  # fmt: skip
+    scenario = walking(
+        before(achieved(WALK), begun(LIFT)),
+        at_most(1, handled(LIFT)),
+        within(1.0, sent(LIFT), achieved(LIFT)),
+        before(achieved(WALK), achieved(REST)),
+    )
     scenario.module("arm").handles(LIFT)(lambda _: None)
     result = tca.explore(scenario)
     assert result.ok
@@ -202,10 +225,12 @@ def test_a_property_that_is_about_nothing_is_named() -> None:
 
 def test_a_property_that_is_met_at_once_is_about_something() -> None:
     """Also where what comes second comes only after what must come first."""
-    assert not tca.explore(walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))).vacuous
+    assert not tca.explore(
+        walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))
+    ).vacuous
 
 
-# --- runs that go on for ever ----------------------------------------------------------------------------------------
+# --- runs that go on for ever ---------------------------------------------------------------------
 
 
 WATCHED = Detail(names=True)
@@ -259,7 +284,8 @@ def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.P
     text = tca.report(result)
     assert "1 s pass" in text.partition("and then again and again:\n")[2]
     assert text.endswith("=> this can go on for ever, and it never happens") or (
-        "this can go on for ever, and all the while:\n     planner in walk {" in text and "never goes on" in text
+        "this can go on for ever, and all the while:\n     planner in walk {" in text
+        and "never goes on" in text
     )
 
 
@@ -295,7 +321,9 @@ def test_what_is_queued_comes_to_its_turn() -> None:
 
 
 def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
-    """The legs are asked by two in turn, again and again, and each question may go before a step."""
+    """The legs are asked by two in turn, again and again, and each question may go before a
+    step.
+    """
     scenario = tca.Scenario("starving", *properties)
     legs, ear = scenario.module("legs"), scenario.module("ear")
     legs.handles(STEP)(lambda _: None)
@@ -315,7 +343,9 @@ def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
 
 
 def test_no_slot_is_left_standing() -> None:
-    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no excuse."""
+    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no
+    excuse.
+    """
     scenario = tca.Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
     legs = scenario.module("legs", capacity=2)
     legs.handles(IS_LOW)(lambda _: False)
@@ -327,7 +357,9 @@ def test_no_slot_is_left_standing() -> None:
 
 @pytest.mark.soak
 def test_what_never_comes_to_its_turn_is_found() -> None:
-    """Each of the others has its turn all the time, so it is no accident. Where nobody goes first, all have theirs."""
+    """Each of the others has its turn all the time, so it is no accident. Where nobody goes first,
+    all have theirs.
+    """
     result = tca.explore(starving(1, never_stuck()))
     assert result.violation is not None, tca.report(result)
     assert "all the while:\n     step {" in tca.report(result)
@@ -339,7 +371,9 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
 
 def test_who_may_decide_the_same_for_ever_does() -> None:
     """No choice need ever be made."""
-    only_again = ping(again_or_not, eventually(lambda world: not world.messages and world.modules == ()))
+    only_again = ping(
+        again_or_not, eventually(lambda world: not world.messages and world.modules == ())
+    )
     assert "nothing further need happen" in found(only_again)
     result = tca.explore(ping(again_or_not, eventually(over)))
     assert result.violation is not None
@@ -365,7 +399,9 @@ def test_beside_two_gauges_both_are_polled() -> None:
 
 @pytest.mark.soak
 def test_two_who_play_ball_beside_two_who_do() -> None:
-    """Each pair could go on for ever without the other: that would be no accident, and is not shown."""
+    """Each pair could go on for ever without the other: that would be no accident, and is not
+    shown.
+    """
     scenario = tca.Scenario("ball", eventually(achieved(WALK)))
     for name in ("here", "there"):
         ball: Any = type(NOTE)(f"ball {name}")
@@ -385,7 +421,9 @@ def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
 
 
 def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
-    """A step that is done each time before its deadline: time need not pass, for in between nothing is due."""
+    """A step that is done each time before its deadline: time need not pass, for in between nothing
+    is due.
+    """
     scenario = tca.Scenario("in time", eventually(begun(LIFT)))
 
     @scenario.module("ear").handles(NOTE)
@@ -418,11 +456,13 @@ def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
     assert "queued" in tca.report(result)
 
 
-# --- what is counted -------------------------------------------------------------------------------------------------
+# --- what is counted ------------------------------------------------------------------------------
 
 
 def test_what_has_ended_makes_room_for_what_begins_with_the_same_action() -> None:
-    """As in ``tca check``, with the same words: legs with one slot have begun one step at a time."""
+    """As in ``tca check``, with the same words: legs with one slot have begun one step at a
+    time.
+    """
     one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
     good(walking(*one_at_a_time, steps=3))
     found(walking(at_most(0, begun(STEP))))

@@ -1,4 +1,6 @@
-"""Messages ahead, in every order: what is recalled is not begun, and all comes out as it could without."""
+"""Messages ahead, in every order: what is recalled is not begun, and all comes out as it could
+without.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,13 +29,19 @@ def compared(make: Make) -> tca.Result:
     """The runs with two messages ahead; what comes of one and of none without is a violation."""
     without = good(make(0).scenario, never_stuck())
     result = tca.explore(make(2).scenario, never_stuck(), check=check_invariants)
-    new = [actions for outcome, actions in result.outcomes.items() if outcome not in without.outcomes]
+    new = [
+        actions for outcome, actions in result.outcomes.items() if outcome not in without.outcomes
+    ]
     if not new:
         return result
-    return replace(result, violation=Violation("as without", "this could not have happened", min(new, key=len)))
+    return replace(
+        result, violation=Violation("as without", "this could not have happened", min(new, key=len))
+    )
 
 
-@pytest.mark.parametrize("make", [*ahead.SMALL, *(pytest.param(make, marks=pytest.mark.soak) for make in ahead.LARGE)])
+@pytest.mark.parametrize(
+    "make", [*ahead.SMALL, *(pytest.param(make, marks=pytest.mark.soak) for make in ahead.LARGE)]
+)
 def test_all_comes_out_as_without(make: Make) -> None:
     result = compared(make)
     assert result.ok, tca.report(result)
@@ -45,7 +53,7 @@ def test_nothing_is_begun_twice_or_lost(make: Make) -> None:
     good(make(2).scenario, never_stuck())
 
 
-# --- faults ----------------------------------------------------------------------------------------------------------
+# --- faults ---------------------------------------------------------------------------------------
 
 
 def nobody_waits_for_what_is_given_back(patch: Patch) -> None:

@@ -38,12 +38,14 @@ ANY: Any = 0.5  # of a wrong type
 TEXT: Any = "5"
 
 
-# --- watching, and pending limits ------------------------------------------------------------------------------------
+# --- watching, and pending limits -----------------------------------------------------------------
 
 
 def test_a_watched_variable() -> None:
     """The newest value waits, those before it give way."""
-    scenario = tca.Scenario("watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3)))
+    scenario = tca.Scenario(
+        "watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3))
+    )
     scenario.module("display").handles(POSITION)(lambda _task, _position: None)
 
     @scenario.module("sensor").does
@@ -57,7 +59,9 @@ def test_a_watched_variable() -> None:
 
 @pytest.mark.parametrize("pending", [1, 2])
 def test_a_pending_limit(pending: int) -> None:
-    scenario = tca.Scenario("pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4)))
+    scenario = tca.Scenario(
+        "pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4))
+    )
     scenario.module("ear").handles(NOTE, pending=pending)(lambda _task, _number: None)
 
     @scenario.module("mouth").does
@@ -83,7 +87,7 @@ def test_a_command_that_gives_way_is_killed() -> None:
     assert "killed" in found(scenario, never(killed(STEP, 1)))
 
 
-# --- at_start and requires -------------------------------------------------------------------------------------------
+# --- at_start and requires ------------------------------------------------------------------------
 
 
 def tapping(*properties: Any, **options: Any) -> tca.Scenario:
@@ -116,7 +120,9 @@ def test_or_when_it_arrives() -> None:
 
 
 def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
-    scenario = tca.Scenario("in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE)))
+    scenario = tca.Scenario(
+        "in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE))
+    )
     scenario.module("ear").handles(NOTE)(lambda _: None)
     guide = scenario.module("guide", arrives_late=True)
     guide.handles(WHERE)(lambda _: 7)
@@ -135,7 +141,8 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
         raise SLIPPED(text="ice")
 
     with pytest.raises(
-        tca.ScenarioError, match=r"at_start in watcher .*line \d+\): an error here ends the module: slipped"
+        tca.ScenarioError,
+        match=r"at_start in watcher .*line \d+\): an error here ends the module: slipped",
     ):
         tca.explore(scenario)
 
@@ -153,7 +160,9 @@ def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
 
 
 def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
-    scenario = tca.Scenario("only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck())
+    scenario = tca.Scenario(
+        "only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck()
+    )
     scenario.module("ear").handles(NOTE)(lambda _: None)
     mouth = scenario.module("mouth", arrives_late=True, requires=[STEP])
     mouth.does(lambda me: me.inform(NOTE, "later"))
@@ -187,7 +196,7 @@ def test_modules_that_require_each_other_wait_for_ever() -> None:
     assert "legs waits until rest are handled" in text
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 def locking(**lock: Any) -> tca.Scenario:
@@ -223,9 +232,12 @@ def test_a_lock_that_two_have_must_say_whose() -> None:
     scenario = locking(resource="gripper")
     for name in ("arm", "other arm"):
         module = scenario.modules[name]
-        module.handles(Command(f"grip of {name}"), resource=module.resource("gripper"))(lambda _: None)
+        module.handles(Command(f"grip of {name}"), resource=module.resource("gripper"))(
+            lambda _: None
+        )
     with pytest.raises(
-        tca.ScenarioError, match="modules arm, other arm have a resource 'gripper': say which with module="
+        tca.ScenarioError,
+        match="modules arm, other arm have a resource 'gripper': say which with module=",
     ):
         tca.explore(scenario)
 
@@ -268,7 +280,10 @@ def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], o
     [
         (lambda: walking(capacity=257), "module 'legs': capacity must be 1 to 256, not 257"),
         (lambda: accepted("kil"), r"accepted\(\) knows no call 'kil'; did you mean 'kill'"),
-        (lambda: module().every(1.0), "every of module 'm' is not explored: what a module sends by itself goes"),
+        (
+            lambda: module().every(1.0),
+            "every of module 'm' is not explored: what a module sends by itself goes",
+        ),
     ],
 )
 def test_what_is_refused_says_what_would_do(make: Callable[[], object], words: str) -> None:
@@ -277,9 +292,13 @@ def test_what_is_refused_says_what_would_do(make: Callable[[], object], words: s
 
 
 def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
-    """A call of the library's Module that is neither there nor refused by name would be a bare AttributeError."""
+    """A call of the library's Module that is neither there nor refused by name would be a bare
+    AttributeError.
+    """
     module = tca.Scenario("s").module("m")
-    for name in (name for name in dir(Module) if not name.startswith("_") and name not in dir(module)):
+    for name in (
+        name for name in dir(Module) if not name.startswith("_") and name not in dir(module)
+    ):
         with pytest.raises(tca.ScenarioError, match=f"{name} of module 'm' is not explored"):
             getattr(module, name)
 
@@ -318,7 +337,7 @@ def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
         tca.explore(scenario)
 
 
-# --- what properties name must be there ------------------------------------------------------------------------------
+# --- what properties name must be there -----------------------------------------------------------
 
 
 WAKE, STEPS = Goal("wake"), Goal("steps")
@@ -339,8 +358,14 @@ WRONG: Any = ("step", None, 5, STEP)  # wrong types
         walking(before(begun(WALK), handled_by("leg"))),
     ],
 )
-def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_holds(scenario: tca.Scenario) -> None:
-    name = "module 'leg'; did you mean 'legs'" if "leg" in repr(scenario.properties[0]).split() else "message 'steps': "
+def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_holds(
+    scenario: tca.Scenario,
+) -> None:
+    name = (
+        "module 'leg'; did you mean 'legs'"
+        if "leg" in repr(scenario.properties[0]).split()
+        else "message 'steps': "
+    )
     with pytest.raises(tca.ScenarioError, match=rf"^.*{scenario.properties[0]}.* no {name}"):
         tca.explore(scenario)
 
@@ -349,7 +374,9 @@ def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
     for call in ("may_kill", "may_suspend"):
         scenario = walking(never_stuck())
         getattr(scenario, call)(WAKE)
-        words = rf"can't be judged: {call}\(\): there is no message 'wake': .* did you mean 'walk'\?$"
+        words = (
+            rf"can't be judged: {call}\(\): there is no message 'wake': .* did you mean 'walk'\?$"
+        )
         with pytest.raises(tca.ScenarioError, match=words):
             tca.explore(scenario)
 
@@ -357,8 +384,10 @@ def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
 def test_what_never_comes_because_of_its_name_says_so() -> None:
     result = tca.explore(walking(eventually(begun(STEPS))))
     assert result.violation is not None
-    assert result.violation.why.endswith("there is no message 'steps': no module handles it, and no script uses it; "
-                                         "did you mean 'step'?")  # fmt: skip
+    assert result.violation.why.endswith(
+        "there is no message 'steps': no module handles it, and no script uses it; "
+        "did you mean 'step'?"
+    )
 
 
 def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
@@ -371,7 +400,10 @@ def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda: begun(WRONG[0]), r"^begun\(\) takes a message \(Goal, Command, ...\), and 'step' is none"),
+        (
+            lambda: begun(WRONG[0]),
+            r"^begun\(\) takes a message \(Goal, Command, ...\), and 'step' is none",
+        ),
         (lambda: planned_ahead(WRONG[1]), r"^planned_ahead\(\) takes a message"),
         (lambda: being_achieved(WRONG[2], 1), r"^being_achieved\(\) takes a message"),
         (lambda: handled_by(WRONG[3]), "is no name of a module"),

@@ -1,4 +1,6 @@
-"""A monitor that watches over a task is never what keeps it from ending, however it came there, unless asked for."""
+"""A monitor that watches over a task is never what keeps it from ending, however it came there,
+unless asked for.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -44,7 +46,12 @@ def put_under(task: Task, **options: Any) -> None:
             raise
 
 
-CONDITIONS = [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
+CONDITIONS = [
+    Condition.WHEN_SENT,
+    Condition.BEFORE_HANDLING,
+    Condition.WHILE_HANDLING,
+    Condition.WHILE_ACHIEVING,
+]
 BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
 
 
@@ -60,7 +67,9 @@ def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, boun
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"])
+@pytest.mark.parametrize(
+    "options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"]
+)
 def test_one_of_the_task_s_own_handler(options: dict[str, Any]) -> None:
     scenario = stepping(watches(GAUGE, period=1.0, **options))
     good(scenario, eventually(achieved(STEP)), never_stuck())
@@ -84,11 +93,15 @@ def test_one_of_a_stranger(options: dict[str, Any]) -> None:
     found(scenario, never(sent(GAUGE)))
 
 
-@pytest.mark.parametrize("condition", [Condition.WHEN_SENT, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING])
+@pytest.mark.parametrize(
+    "condition", [Condition.WHEN_SENT, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
+)
 def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Condition) -> None:
     scenario = stepping()
     scenario.module("watcher").at_start(lambda me: me.tap(condition, STEP, GAUGE, period=1.0))
-    good(scenario, eventually(achieved(STEP)), before(achieved(GAUGE), achieved(STEP)), never_stuck())
+    good(
+        scenario, eventually(achieved(STEP)), before(achieved(GAUGE), achieved(STEP)), never_stuck()
+    )
     found(scenario, never(sent(GAUGE)))
 
 
@@ -117,7 +130,9 @@ def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited
     def step(task: Task) -> None:
         battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
         try:
-            assert task.command(MOVE, constraints=[battery.achieving.end <= this.achieving.start]).id
+            assert task.command(
+                MOVE, constraints=[battery.achieving.end <= this.achieving.start]
+            ).id
         except Refused as refused:
             if refused.refusal is not Refusal.CYCLE:
                 raise
@@ -126,11 +141,19 @@ def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited
     scenario.module("dock").handles(RECHARGE)(nothing)
     scenario.module("wheels").handles(MOVE)(nothing)
     moves = eventually(achieved(MOVE)) if waited_for else never(sent(MOVE))
-    good(scenario, eventually(achieved(STEP)), never_stuck(), before(achieved(BATTERY), achieved(MOVE)), moves)
+    good(
+        scenario,
+        eventually(achieved(STEP)),
+        never_stuck(),
+        before(achieved(BATTERY), achieved(MOVE)),
+        moves,
+    )
 
 
 def suspends(task: Task) -> None:
-    task.monitor(GAUGE, period=1.0, constraints=[task.handling.start + 9.0 <= this.handling.start]).suspend()
+    task.monitor(
+        GAUGE, period=1.0, constraints=[task.handling.start + 9.0 <= this.handling.start]
+    ).suspend()
 
 
 def test_neither_does_one_that_is_suspended() -> None:
@@ -151,5 +174,10 @@ def test_one_that_is_fired_tests_now_each_time() -> None:
         me.fire(BATTERY)
         battery.wait()
 
-    good(scenario, at_most_in_all(2, sent(IS_LOW)), at_most_in_all(2, sent(RECHARGE)), eventually(achieved(BATTERY)))
+    good(
+        scenario,
+        at_most_in_all(2, sent(IS_LOW)),
+        at_most_in_all(2, sent(RECHARGE)),
+        eventually(achieved(BATTERY)),
+    )
     found(scenario, at_most_in_all(1, sent(RECHARGE)))

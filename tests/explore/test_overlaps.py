@@ -1,5 +1,6 @@
-"""Clients and handlers change the state of a task in every order. That an observer misses no change, and knows the state
-and the goal that follow from what central recorded, is checked in every state of each scenario.
+"""Clients and handlers change the state of a task in every order. That an observer misses no
+change, and knows the state and the goal that follow from what central recorded, is checked in every
+state of each scenario.
 """
 
 from typing import Any
@@ -9,7 +10,18 @@ from explore.scenarios import found, good
 
 from tca_module import Refused
 from tca_module.serving.handler_options import WhenBusy
-from tca_tools.explore import Scenario, Script, Seen, Task, World, at_most, eventually, handled, never, never_stuck
+from tca_tools.explore import (
+    Scenario,
+    Script,
+    Seen,
+    Task,
+    World,
+    at_most,
+    eventually,
+    handled,
+    never,
+    never_stuck,
+)
 from tca_wire.life_cycles import GENERAL, LifeCycle, Transition, ending
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Command, Goal, Inform
@@ -41,9 +53,15 @@ def ended(state: str, goal: int | None = None) -> Any:
 
 
 def grasped_with_another_goal(world: World) -> bool:
-    """The handler has ended with another goal than the one that the task has, though nobody has killed or begun it anew."""
+    """The handler has ended with another goal than the one that the task has, though nobody has
+    killed or begun it anew.
+    """
     used = [one.data for one in world.messages if one.message == "used" and one.is_new]
-    tasks = [task for task in world.tasks if task.message == "grasp" and not task.is_killed and task.attempts == 1]
+    tasks = [
+        task
+        for task in world.tasks
+        if task.message == "grasp" and not task.is_killed and task.attempts == 1
+    ]
     return any(task.data not in used for task in tasks if used)
 
 
@@ -56,7 +74,9 @@ def takes(sent: Any, me: Script, name: str, data: Any = None) -> None:
 
 
 def grasping(*, updates: int = 1, **wishes: Any) -> Scenario:
-    """A client wants another goal, and the end; the handler looks for such wishes once before its end."""
+    """A client wants another goal, and the end; the handler looks for such wishes once before its
+    end.
+    """
     ends = eventually(lambda world: ended("done")(world) or ended("cancelled")(world))
     scenario = Scenario("grasping", never_stuck(), never(grasped_with_another_goal), ends)
     scenario.observe()
@@ -112,7 +132,9 @@ def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)])
+@pytest.mark.parametrize(
+    ("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)]
+)
 def test_each_end_comes_in_some_order(state: str, goal: int) -> None:
     assert "NOT never" in found(grasping(takes=["update", "cancel"]), never(ended(state, goal)))
 
@@ -153,7 +175,11 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
     """A goal lives on when its handler has returned: nobody would answer the cancel."""
     scenario = Scenario("tidying", never_stuck())
     scenario.observe()
-    planner, hand, user = scenario.module("planner"), scenario.module("hand"), scenario.module("user")
+    planner, hand, user = (
+        scenario.module("planner"),
+        scenario.module("hand"),
+        scenario.module("user"),
+    )
 
     @user.does
     def want(me: Script) -> None:
@@ -174,7 +200,9 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
 
 @pytest.mark.soak
 def test_transitions_of_ones_own_by_two_clients() -> None:
-    """Each of two clients pauses the walk and lets it go on, while its legs tell how far they are."""
+    """Each of two clients pauses the walk and lets it go on, while its legs tell how far they
+    are.
+    """
     scenario = Scenario("walking", never_stuck())
     scenario.observe()
     legs = scenario.module("legs")

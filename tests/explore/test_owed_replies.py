@@ -1,4 +1,6 @@
-"""Replies that a handler leaves to others: whatever becomes of them, and in whatever order, each task ends."""
+"""Replies that a handler leaves to others: whatever becomes of them, and in whatever order, each
+task ends.
+"""
 
 from typing import Any
 
@@ -37,9 +39,17 @@ def uses(task: tca.Task, later: LaterReply[Any], words: str) -> None:
 
 
 def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any) -> tca.Scenario:
-    """Legs leave the reply to a step to their sensor, which says how to use it; then they take another step."""
-    scenario = tca.Scenario(f"{words} later", never_stuck(), eventually(over(STEP, False)), *properties)
-    planner, feet, user = scenario.module("planner"), scenario.module("legs", **legs), scenario.module("user")
+    """Legs leave the reply to a step to their sensor, which says how to use it; then they take
+    another step.
+    """
+    scenario = tca.Scenario(
+        f"{words} later", never_stuck(), eventually(over(STEP, False)), *properties
+    )
+    planner, feet, user = (
+        scenario.module("planner"),
+        scenario.module("legs", **legs),
+        scenario.module("user"),
+    )
 
     @feet.handles(STEP, takes=["cancel"])
     def step(task: tca.Task, is_last: bool) -> Any:
@@ -121,8 +131,12 @@ def test_a_kept_reply_that_is_never_given_is_found() -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")])
-def test_a_library_that_owes_for_ever_is_found(broken: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")]
+)
+def test_a_library_that_owes_for_ever_is_found(
+    broken: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(LaterReply, broken, lambda _: None)
     assert "has not ended" in found(later(words))
 

@@ -1,4 +1,6 @@
-"""What central promises, in every order in which things can happen; and that broken rules are found."""
+"""What central promises, in every order in which things can happen; and that broken rules are
+found.
+"""
 
 from typing import Any
 
@@ -27,7 +29,7 @@ IN_ORDER = before(achieved(STEP, 0), begun(STEP, 1))
 REST_LAST = before(achieved(WALK), achieved(REST))
 
 
-# --- nothing starts before its constraints ---------------------------------------------------------------------------
+# --- nothing starts before its constraints --------------------------------------------------------
 
 
 def test_nothing_starts_before_its_constraints() -> None:
@@ -92,7 +94,7 @@ def test_what_is_planned_first_is_planned_first() -> None:
     good(scenario)
 
 
-# --- resources -------------------------------------------------------------------------------------------------------
+# --- resources ------------------------------------------------------------------------------------
 
 
 def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
@@ -128,7 +130,9 @@ def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) 
 @pytest.mark.parametrize("notes", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("capacity", [1, 2])
 def test_a_resource_is_never_over_capacity(capacity: int, notes: bool) -> None:
-    scenario = crowd(at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes)
+    scenario = crowd(
+        at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes
+    )
     good(scenario)
 
 
@@ -144,7 +148,7 @@ def test_nor_when_slots_come_and_go(late_too: bool) -> None:
     good(scenario, limit=5000)
 
 
-# --- kills and losses ------------------------------------------------------------------------------------------------
+# --- kills and losses -----------------------------------------------------------------------------
 
 
 def test_a_killed_subtree_releases_its_waiters() -> None:
@@ -165,37 +169,45 @@ def test_a_failed_step_ends_the_walk_and_releases_its_waiters() -> None:
 
 @pytest.mark.soak
 def test_a_lost_module_releases_those_who_wait() -> None:
-    good(walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True))
+    good(
+        walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True)
+    )
 
 
 def test_without_its_legs_it_waits() -> None:
     assert "queued" in found(walking(never_stuck(), steps=1, may_be_lost=1))
 
 
-# --- who waits for an exception handler is helped by somebody ---------------------------------------------------------
+# --- who waits for an exception handler is helped by somebody -------------------------------------
 
 ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(may_leave: bool) -> None:
+def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(
+    may_leave: bool,
+) -> None:
     good(helped(*ALL_ENDS, may_leave=may_leave))
     found(helped(never(killed(HIGHER)), may_leave=may_leave))
 
 
-def test_an_exception_handler_that_is_not_passed_over_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_handler_that_is_not_passed_over_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
     assert "nobody handles 'higher', and the search does not go on" in found(helped(*ALL_ENDS))
 
 
-# --- locks and reservations -------------------------------------------------------------------------------------------
+# --- locks and reservations -----------------------------------------------------------------------
 
 GRIP = Command("grip")
 
 
 def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
-    """Two handlers that each need both of two resources; one locks *first* first, the other *second*."""
+    """Two handlers that each need both of two resources; one locks *first* first, the other
+    *second*.
+    """
     scenario = tca.Scenario("two arms", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     scenario.module("arm").handles(GRIP)(lambda _: None)
@@ -239,8 +251,9 @@ def test_it_is_seen_who_has_what() -> None:
 
 
 def reserved() -> tca.Result:
-    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say that none of the
-    user's comes between."""
+    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say
+    that none of the user's comes between.
+    """
     scenario = tca.Scenario("reserved", never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
 

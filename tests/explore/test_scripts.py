@@ -8,7 +8,19 @@ from typing import Any
 
 import pytest
 from explore.accepting import those
-from explore.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, slips
+from explore.scenarios import (
+    HEIGHTS,
+    LIFT,
+    NOTE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+    found,
+    good,
+    slips,
+)
 
 import tca_tools.explore as tca
 from tca_module import QueryFailed, Refused, SentTask, Stopped, TaskKilled, this
@@ -25,7 +37,7 @@ from tca_tools.explore import (
     never_stuck,
     sent,
     within,
-)  # fmt: skip
+)
 from tca_tools.explore.scenario.script_connection import ScriptConnection
 from tca_wire.constraints import sequential_achievement
 from tca_wire.messages.declarations import Command, Goal
@@ -33,8 +45,12 @@ from tca_wire.points import THIS
 from tca_wire.vocabulary import Refusal
 
 
-def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]) -> tca.Scenario:
-    """A user who walks, a planner that does it in some way, and others who do what they are told."""
+def one(
+    handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]
+) -> tca.Scenario:
+    """A user who walks, a planner that does it in some way, and others who do what they are
+    told.
+    """
     scenario = tca.Scenario("one", *properties)
     scenario.module("planner").handles(WALK)(handler)
     scenario.module("user").does(story)
@@ -75,7 +91,10 @@ def test_every_choice_is_explored() -> None:
             raise SLIPPED(text="ice")
 
     scenario = one(chooses)
-    bad, good = tca.explore(scenario, never(failed(WALK))), tca.explore(scenario, never(achieved(WALK)))
+    bad, good = (
+        tca.explore(scenario, never(failed(WALK))),
+        tca.explore(scenario, never(achieved(WALK))),
+    )
     assert bad.violation is not None
     assert good.violation is not None
     assert "planner in walk {1} chooses badly, fails: slipped" in tca.report(bad)
@@ -92,9 +111,15 @@ def test_a_killed_handler_is_told() -> None:
         while not task.cancelled:
             task.query(WHERE)
 
-    scenario = one(obeys, never_stuck(), eventually(killed(WALK)), story=lambda me: [me.goal(WALK).kill()])
+    scenario = one(
+        obeys, never_stuck(), eventually(killed(WALK)), story=lambda me: [me.goal(WALK).kill()]
+    )
     assert tca.explore(scenario, limit=150).violation is None
-    deaf = one(lambda task: task.command(STEP) and None, never(handled(STEP)), story=lambda me: [me.goal(WALK).kill()])
+    deaf = one(
+        lambda task: task.command(STEP) and None,
+        never(handled(STEP)),
+        story=lambda me: [me.goal(WALK).kill()],
+    )
     found(deaf)
 
 
@@ -135,7 +160,9 @@ def under_what_has_ended(task: tca.Task) -> SentTask[Any]:
 
 @pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
 def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> None:
-    """Whether it goes on with it, or with something else, or returns; and what it was to send then is not sent."""
+    """Whether it goes on with it, or with something else, or returns; and what it was to send then
+    is not sent.
+    """
 
     def walk(task: tca.Task) -> None:
         refused = under_what_has_ended(task)
@@ -181,7 +208,10 @@ def breaks(task: tca.Task) -> None:
 @pytest.mark.parametrize(
     ("handler", "words"),
     [
-        (uses_what_nobody_handles, "planner sends command 'lift', which no module of the scenario handles"),
+        (
+            uses_what_nobody_handles,
+            "planner sends command 'lift', which no module of the scenario handles",
+        ),
         (asks_for_a_circle, "goal 'walk' was refused"),
         (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, not Command\('step'"),
         (breaks, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
@@ -194,8 +224,12 @@ def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
         tca.explore(one(handler))
 
 
-def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves it."""
+def test_a_script_that_catches_everything_and_goes_on_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves
+    it.
+    """
 
     def walk(task: tca.Task) -> object:
         while True:
@@ -208,7 +242,10 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.Ca
     with pytest.raises(tca.ScenarioError) as found:
         tca.explore(one(walk))
     line = walk.__code__.co_firstlineno + 4
-    assert f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run" in str(found.value)
+    assert (
+        f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run"
+        in str(found.value)
+    )
     assert "write 'except Exception:' instead" in str(found.value)
     assert capsys.readouterr().out.count("asks again") >= 10_000
 
@@ -219,7 +256,9 @@ def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> N
             with contextlib.suppress(Exception):
                 task.choose()
 
-    with pytest.raises(tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"):
+    with pytest.raises(
+        tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"
+    ):
         tca.explore(one(walk))
 
 
@@ -286,12 +325,14 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
             bad()
     other = scenario.module("other")
     other.handles(Command(WALK.name))(lambda _: None)
-    with pytest.raises(tca.ScenarioError, match="'walk' is a command in other and a goal elsewhere"):
+    with pytest.raises(
+        tca.ScenarioError, match="'walk' is a command in other and a goal elsewhere"
+    ):
         tca.explore(scenario)
     assert Goal(WALK.name).name == WALK.name
 
 
-# --- whoever is killed while it asks ends at once, and is woken once, as on the robot ---------------------------------
+# --- whoever is killed while it asks ends at once, and is woken once, as on the robot -------------
 
 HELD = "arm"
 
@@ -321,7 +362,9 @@ def returned(world: tca.World) -> object:
 
 
 def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any) -> tca.Scenario:
-    """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the arm."""
+    """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the
+    arm.
+    """
     scenario = tca.Scenario("asking", *properties)
     scenario.module("planner", **planner).handles(WALK)(handler)
     others = scenario.module("others", capacity=3)
@@ -376,7 +419,7 @@ def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
     assert "waits for the answer to query where" in tca.report(result)
 
 
-# --- its module ends --------------------------------------------------------------------------------------------------
+# --- its module ends ------------------------------------------------------------------------------
 
 
 def lost(world: tca.World) -> object:
@@ -405,7 +448,10 @@ def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
     assert result.ok, tca.report(result)
     assert seen == {True}
     for never_comes in (lost, gone):
-        assert tca.explore(asking(asks, never(never_comes), may_leave=True), limit=20_000).violation is not None
+        assert (
+            tca.explore(asking(asks, never(never_comes), may_leave=True), limit=20_000).violation
+            is not None
+        )
 
 
 def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:

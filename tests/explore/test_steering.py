@@ -1,4 +1,6 @@
-"""What central promises of failures, wiretaps, monitors, suspension and time, in every order in which things happen."""
+"""What central promises of failures, wiretaps, monitors, suspension and time, in every order in
+which things happen.
+"""
 
 import contextlib
 import re
@@ -6,7 +8,20 @@ from typing import Any
 
 import pytest
 from explore import scenarios
-from explore.scenarios import BATTERY, CHECK, GAUGE, HIGHER, IS_LOW, RECHARGE, REST, SLIPPED, STEP, WALK, found, good
+from explore.scenarios import (
+    BATTERY,
+    CHECK,
+    GAUGE,
+    HIGHER,
+    IS_LOW,
+    RECHARGE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    found,
+    good,
+)
 
 import tca_tools.explore as tca
 from tca_module import Condition, Inform, Recovery, Refused, Timeout, this
@@ -29,7 +44,7 @@ from tca_tools.explore import (
     suspended,
 )
 
-# --- wiretaps --------------------------------------------------------------------------------------------------------
+# --- wiretaps -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
@@ -41,12 +56,21 @@ def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: C
 @pytest.mark.parametrize("safety_arrives_late", [False, True])
 def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
     scenario = scenarios.tapped_late(safety_arrives_late=safety_arrives_late)
-    good(scenario, before(achieved(CHECK, 1), begun(STEP, 1)), at_most_in_all(1, fired(CHECK)), never_stuck())
+    good(
+        scenario,
+        before(achieved(CHECK, 1), begun(STEP, 1)),
+        at_most_in_all(1, fired(CHECK)),
+        never_stuck(),
+    )
     assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
 
 
 def test_a_when_tap_holds_the_end() -> None:
-    good(scenarios.tapped(Condition.WHEN_ACHIEVED), before(achieved(CHECK, 1), achieved(STEP, 1)), never_stuck())
+    good(
+        scenarios.tapped(Condition.WHEN_ACHIEVED),
+        before(achieved(CHECK, 1), achieved(STEP, 1)),
+        never_stuck(),
+    )
 
 
 @pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
@@ -75,7 +99,7 @@ def test_a_tap_that_calls_at_once_calls_exactly_once() -> None:
     found(tapped(at_once=False), eventually(sent(told)))
 
 
-# --- failures --------------------------------------------------------------------------------------------------------
+# --- failures -------------------------------------------------------------------------------------
 
 
 def is_handled_twice(world: tca.World) -> list[tca.Seen]:
@@ -98,7 +122,11 @@ def test_a_recovery_ladder_always_ends() -> None:
 
 def begun_anew(world: tca.World) -> list[tca.Seen]:
     """Steps that were sent or retried with the last action."""
-    return [seen for seen in world.tasks if seen.message == STEP.name and (seen.is_new or seen.is_retried)]
+    return [
+        seen
+        for seen in world.tasks
+        if seen.message == STEP.name and (seen.is_new or seen.is_retried)
+    ]
 
 
 @pytest.mark.soak
@@ -158,20 +186,27 @@ def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
     assert "user raises slipped on step {1}" in found(scenario, never(failed(STEP)))
 
 
-# --- suspension ------------------------------------------------------------------------------------------------------
+# --- suspension -----------------------------------------------------------------------------------
 
 
 def test_a_suspended_subtree_starts_nothing() -> None:
-    """That nothing suspended is given to a handler is checked of every scenario; here something is suspended."""
+    """That nothing suspended is given to a handler is checked of every scenario; here something is
+    suspended.
+    """
     result = good(
-        scenarios.suspending(), never(starts_suspended), before(achieved(WALK), achieved(REST)), never_stuck()
+        scenarios.suspending(),
+        never(starts_suspended),
+        before(achieved(WALK), achieved(REST)),
+        never_stuck(),
     )
     assert result.longest is not None
     assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
 
 
 def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
-    good(scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck())
+    good(
+        scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck()
+    )
     good(scenarios.ordered(suspended=True, kills=2), never(failed(WALK)), never_stuck())
     found(scenarios.ordered(suspended=False), never(failed(WALK)))
 
@@ -180,15 +215,19 @@ def starts_suspended(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.tasks if seen.is_suspended and seen.is_new and seen.is_begun]
 
 
-# --- time ------------------------------------------------------------------------------------------------------------
+# --- time -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.soak
 def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
     assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
-    is_retried_once = at_most_in_all(1, retried(STEP))  # the deadline is over: what is retried has no new one
+    is_retried_once = at_most_in_all(
+        1, retried(STEP)
+    )  # the deadline is over: what is retried has no new one
     assert (
-        good(scenarios.late(handled=True), eventually(achieved(REST)), is_retried_once, never_stuck()).longest
+        good(
+            scenarios.late(handled=True), eventually(achieved(REST)), is_retried_once, never_stuck()
+        ).longest
         is not None
     )
     assert "5 s pass" in found(scenarios.late(), never(killed(STEP)))
@@ -197,10 +236,13 @@ def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_han
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("options", "fires"), [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)]
+    ("options", "fires"),
+    [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)],
 )
 def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
-    good(scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck())
+    good(
+        scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck()
+    )
     found(scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
 
 
@@ -217,10 +259,19 @@ def test_nothing_starts_before_its_delay() -> None:
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
         first = me.command(STEP, 1, delay=1.0)
-        me.command(STEP, 2, sequential=False, constraints=[first.handling.end + 2.0 <= this.achieving.start])
+        me.command(
+            STEP,
+            2,
+            sequential=False,
+            constraints=[first.handling.end + 2.0 <= this.achieving.start],
+        )
 
-    good(scenario, before(lambda world: world.now >= 1, begun(STEP, 1)), before(achieved(STEP, 1), begun(STEP, 2)),
-         before(lambda world: world.now >= 3, begun(STEP, 2)))  # fmt: skip
+    good(
+        scenario,
+        before(lambda world: world.now >= 1, begun(STEP, 1)),
+        before(achieved(STEP, 1), begun(STEP, 2)),
+        before(lambda world: world.now >= 3, begun(STEP, 2)),
+    )
     story_of_it = found(scenario, never(achieved(STEP, 2)))
     assert re.search(r"\n  \d\. 1 s pass\n.*\n  \d\. 2 s pass\n", story_of_it, re.DOTALL)
 
@@ -239,10 +290,12 @@ def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
 
     good(scenario, never_stuck())
     found(scenario, never(achieved(STEP)))
-    assert "user no longer waits for end achieving of step {1}" in found(scenario, never(killed(STEP)))
+    assert "user no longer waits for end achieving of step {1}" in found(
+        scenario, never(killed(STEP))
+    )
 
 
-# --- kills -----------------------------------------------------------------------------------------------------------
+# --- kills ----------------------------------------------------------------------------------------
 
 
 def parting(*properties: Any) -> tca.Scenario:
@@ -262,18 +315,31 @@ def parting(*properties: Any) -> tca.Scenario:
 
 
 def walk_is_over(world: tca.World) -> list[tca.Seen]:
-    return [seen for seen in world.tasks if seen.message == WALK.name and seen.is_killed and seen.is_over]
+    return [
+        seen
+        for seen in world.tasks
+        if seen.message == WALK.name and seen.is_killed and seen.is_over
+    ]
 
 
 def test_what_is_killed_leaves_things_safe() -> None:
-    good(parting(), before(achieved(REST), walk_is_over), before(killed(WALK), sent(REST)), never_stuck())
+    good(
+        parting(),
+        before(achieved(REST), walk_is_over),
+        before(killed(WALK), sent(REST)),
+        never_stuck(),
+    )
     found(parting(), never(killed(WALK)))
     found(parting(), never(achieved(WALK)))
 
 
 def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
     scenario = tca.Scenario("watched from outside")
-    legs, user, watcher = scenario.module("legs"), scenario.module("user"), scenario.module("watcher")
+    legs, user, watcher = (
+        scenario.module("legs"),
+        scenario.module("user"),
+        scenario.module("watcher"),
+    )
     legs.handles(STEP)(lambda _: None)
     scenario.module("body").handles(IS_LOW)(lambda _: False)
     user.does(lambda me: me.command(STEP).wait())

@@ -1,8 +1,9 @@
-"""What central has accepted it does, or says why not: whatever comes in between. Nobody may be left waiting, either.
+"""What central has accepted it does, or says why not: whatever comes in between. Nobody may be left
+waiting, either.
 
-A small scenario for each request; for those of a task one (accepting.py) and a table of what *kept* means. Not here is
-what central is never asked for: timers and later replies are a module's own, and direct messages go from module to
-module. What is asked for is in test_what_is_given.py.
+A small scenario for each request; for those of a task one (accepting.py) and a table of what *kept*
+means. Not here is what central is never asked for: timers and later replies are a module's own, and
+direct messages go from module to module. What is asked for is in test_what_is_given.py.
 """
 
 from collections.abc import Callable
@@ -57,12 +58,14 @@ def later(task: tca.Task) -> Any:
     return task.handling.end <= this.achieving.start
 
 
-# --- wiretaps and exception handlers ---------------------------------------------------------------------------------
+# --- wiretaps and exception handlers --------------------------------------------------------------
 
 
 def has(moment: Moment) -> Callable[[tca.World], list[tca.Seen]]:
     """Rests that have come to that moment, and were not killed."""
-    return lambda world: [rest for rest in those(world, REST) if rest.has(moment) and not rest.is_killed]
+    return lambda world: [
+        rest for rest in those(world, REST) if rest.has(moment) and not rest.is_killed
+    ]
 
 
 COMES_TRUE: dict[Condition, Callable[[tca.World], object]] = {
@@ -104,7 +107,11 @@ def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
 
 
 @pytest.mark.parametrize(
-    "condition", [pytest.param(one, marks=[pytest.mark.soak] * (at % 8 > 0)) for at, one in enumerate(COMES_TRUE)]
+    "condition",
+    [
+        pytest.param(one, marks=[pytest.mark.soak] * (at % 8 > 0))
+        for at, one in enumerate(COMES_TRUE)
+    ],
 )
 def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
     listener = (
@@ -126,7 +133,11 @@ def helped(task: tca.Task) -> None:
 
 
 def helps_who_is_alone(world: tca.World) -> list[tca.Seen]:
-    return [one for one in those(world, HELP) if (step := world.parent(one)) is not None and step.data == "alone"]
+    return [
+        one
+        for one in those(world, HELP)
+        if (step := world.parent(one)) is not None and step.data == "alone"
+    ]
 
 
 @pytest.mark.soak
@@ -153,7 +164,7 @@ def test_an_exception_handler_is_called_until_it_is_removed() -> None:
     )
 
 
-# --- monitors --------------------------------------------------------------------------------------------------------
+# --- monitors -------------------------------------------------------------------------------------
 
 
 def low(task: tca.Task) -> bool:
@@ -173,7 +184,11 @@ def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenar
 
 def watching(world: tca.World) -> list[tca.Seen]:
     """Monitors that are to act some time: none was killed, or has ended."""
-    return [one for one in world.tasks if one.message_class.is_monitor and not (one.is_killed or one.is_over)]
+    return [
+        one
+        for one in world.tasks
+        if one.message_class.is_monitor and not (one.is_killed or one.is_over)
+    ]
 
 
 MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
@@ -194,7 +209,9 @@ MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
 @pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
 @pytest.mark.parametrize("name", MONITORS)
 def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
-    """Or it is killed: by somebody, or because what answers its condition is lost, which is a failure of its own."""
+    """Or it is killed: by somebody, or because what answers its condition is lost, which is a
+    failure of its own.
+    """
     monitor, watch, properties = MONITORS[name]
     scenario = watched(watch, **battery)
     scenario.may_kill(monitor)
@@ -246,7 +263,7 @@ def test_a_fire_that_is_accepted_sends_the_action() -> None:
     holds(scenario, at_once("fire", fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
 
 
-# --- order and time --------------------------------------------------------------------------------------------------
+# --- order and time -------------------------------------------------------------------------------
 
 
 def two_steps(plan: Callable[[tca.Task], None], **legs: Any) -> tca.Scenario:
@@ -273,7 +290,9 @@ def constrained(task: tca.Task) -> None:
 
 def with_delay(task: tca.Task) -> None:
     first = task.command(STEP, 1)
-    task.command(STEP, 2, sequential=False, constraints=[first.handling.end + 1.0 <= this.achieving.start])
+    task.command(
+        STEP, 2, sequential=False, constraints=[first.handling.end + 1.0 <= this.achieving.start]
+    )
 
 
 def with_priority(task: tca.Task) -> None:
@@ -295,7 +314,11 @@ def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
 def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
     holds(
         two_steps(with_delay, **legs),
-        within(1.0, over(STEP, 1), lambda world: second_is_ahead(world) or not those(world, STEP, data=2)),
+        within(
+            1.0,
+            over(STEP, 1),
+            lambda world: second_is_ahead(world) or not those(world, STEP, data=2),
+        ),
         eventually(over(WALK)),
     )
 
@@ -307,10 +330,15 @@ def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     ("legs", "ends", "word"),
-    [({}, killed(STEP), "killed"), pytest.param(LOST, failed(STEP), "failed", marks=pytest.mark.soak)],
+    [
+        ({}, killed(STEP), "killed"),
+        pytest.param(LOST, failed(STEP), "failed", marks=pytest.mark.soak),
+    ],
     ids=["a kill", "a loss"],
 )
-def test_who_waits_for_a_moment_is_told_how_the_task_stands(legs: dict[str, Any], ends: Any, word: str) -> None:
+def test_who_waits_for_a_moment_is_told_how_the_task_stands(
+    legs: dict[str, Any], ends: Any, word: str
+) -> None:
     def plan(task: tca.Task) -> None:
         step = task.command(STEP, 1)
         task.inform(NOTE, str(step.wait_for(step.handling.end)))
@@ -337,7 +365,7 @@ def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> 
     holds(two_steps(plan, **legs), never(sent(NOTE, False)), within(EVER, accepted("keep"), known))
 
 
-# --- of a task: a table of what *kept* means of each -----------------------------------------------------------------
+# --- of a task: a table of what *kept* means of each ----------------------------------------------
 
 
 class Request(NamedTuple):
@@ -356,9 +384,13 @@ def gone(world: tca.World) -> bool:
 
 
 def parted(world: tca.World) -> bool:
-    """It ended unharmed, or was killed before it began, or what leaves things safe is done before its end."""
+    """It ended unharmed, or was killed before it began, or what leaves things safe is done before
+    its end.
+    """
     ended = those(world, STEP, "is_over")
-    return bool(those(world, LIFT, "is_over")) or any(not (one.is_killed and one.is_begun) for one in ended)
+    return bool(those(world, LIFT, "is_over")) or any(
+        not (one.is_killed and one.is_begun) for one in ended
+    )
 
 
 def timed_out(world: tca.World) -> bool:
@@ -390,17 +422,23 @@ def kill_all_under_the_walk(_: Any, step: TaskRef) -> None:
 REQUESTS = {
     "kill": Request("kill", lambda _, step: step.kill(), gone),
     "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
-    "kill after its handling": Request("kill", lambda _, step: step.kill(after=step.handling.end), gone, EVER),
+    "kill after its handling": Request(
+        "kill", lambda _, step: step.kill(after=step.handling.end), gone, EVER
+    ),
     "kill of all beside it": Request(
         "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
     "kill of all under the task above": Request("kill", kill_all_under_the_walk, gone),
-    "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
+    "on termination": Request(
+        "on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER
+    ),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
     "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
     "suspend": Request("suspend", suspend_and_resume, is_held),
     "resume": Request("resume", suspend_and_resume, gone, EVER),
-    "failure": Request("fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), has_failed),
+    "failure": Request(
+        "fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), has_failed
+    ),
 }
 
 

@@ -1,4 +1,5 @@
-"""The same promise of messages, variables and resources: each is answered, handled or given, or whoever asked is told.
+"""The same promise of messages, variables and resources: each is answered, handled or given, or
+whoever asked is told.
 
 Whoever asks says in a note what came of it. Programs are lost, come back, and leave in between.
 """
@@ -14,14 +15,23 @@ from sampling import one_in
 
 import tca_tools.explore as tca
 from tca_module import QueryFailed, Refused, Timeout
-from tca_tools.explore import accepted, at_most, at_most_in_all, eventually, handled, never, sent, within
+from tca_tools.explore import (
+    accepted,
+    at_most,
+    at_most_in_all,
+    eventually,
+    handled,
+    never,
+    sent,
+    within,
+)
 from tca_wire.messages.declarations import Broadcast, Variable
 
 ALARM: Broadcast[Any] = Broadcast("alarm", Any)
 POSITION: Variable[int] = Variable("position", int)
 
 
-# --- messages --------------------------------------------------------------------------------------------------------
+# --- messages -------------------------------------------------------------------------------------
 
 
 def asks(me: tca.Script, what: Callable[[tca.Script], Any]) -> None:
@@ -49,7 +59,11 @@ ASKED: dict[str, Callable[[tca.Script], Any]] = {
 }
 
 
-HOWS: dict[str, dict[str, Any]] = {"lost": LOST, "leaves": {"may_leave": True}, "late": {"arrives_late": True}}
+HOWS: dict[str, dict[str, Any]] = {
+    "lost": LOST,
+    "leaves": {"may_leave": True},
+    "late": {"arrives_late": True},
+}
 
 
 @pytest.mark.parametrize(("name", "how"), one_in(3, ASKED, HOWS))
@@ -85,7 +99,7 @@ def test_what_is_told_is_handled() -> None:
     )
 
 
-# --- variables -------------------------------------------------------------------------------------------------------
+# --- variables ------------------------------------------------------------------------------------
 
 
 def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
@@ -114,10 +128,15 @@ def test_a_value_is_swapped_by_one_of_two() -> None:
         def swap(me: tca.Script) -> None:
             me.inform(NOTE, me.swap_variable(POSITION, 1))
 
-    holds(scenario, at_most_in_all(1, sent(NOTE, 0)), eventually(sent(NOTE, 0)), eventually(sent(NOTE, 1)))
+    holds(
+        scenario,
+        at_most_in_all(1, sent(NOTE, 0)),
+        eventually(sent(NOTE, 0)),
+        eventually(sent(NOTE, 1)),
+    )
 
 
-# --- resources -------------------------------------------------------------------------------------------------------
+# --- resources ------------------------------------------------------------------------------------
 
 
 def locked(task: tca.Task) -> None:
@@ -151,7 +170,9 @@ LOSES = ("legs", "its claim", "nothing", "planner")
 
 def given(world: tca.World) -> bool:
     """Who wanted a resource has it; or he is told, as he may be by his own end."""
-    return any(held.sender.startswith("planner") for held in world.held_by.values()) or not going_on(world)
+    return any(
+        held.sender.startswith("planner") for held in world.held_by.values()
+    ) or not going_on(world)
 
 
 def going_on(world: tca.World) -> bool:
@@ -166,7 +187,9 @@ def kept_too_long(world: tca.World) -> bool:
 def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses: str) -> None:
     """What waits behind him is done in the end, too, whatever becomes of him and his resource."""
     scenario = tca.Scenario(f"{claim}, and loses {loses}")
-    planner, legs = (scenario.module(name, **(LOST if name == loses else {})) for name in ("planner", "legs"))
+    planner, legs = (
+        scenario.module(name, **(LOST if name == loses else {})) for name in ("planner", "legs")
+    )
     planner.handles(WALK)(CLAIMS[claim])
     legs.handles(STEP)(nothing)
 

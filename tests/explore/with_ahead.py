@@ -27,7 +27,9 @@ def note(_: tca.Task, __: int) -> None: ...
 
 
 class Street:
-    """A slot of "legs" with messages ahead, a user who sends it some, and others who come between."""
+    """A slot of "legs" with messages ahead, a user who sends it some, and others who come
+    between.
+    """
 
     def __init__(self, title: str, prefetch: int | None, *, act: Act = note, **legs: Any) -> None:
         self.scenario = tca.Scenario(title)
@@ -138,7 +140,9 @@ def locks_itself_once(task: tca.Task, number: int) -> None:
 
 
 def locked_from_both(prefetch: int | None) -> Street:
-    street = Street("a handler's own lock and another, both given up", prefetch, act=locks_itself_once)
+    street = Street(
+        "a handler's own lock and another, both given up", prefetch, act=locks_itself_once
+    )
     street.does("user", informs(1, 2))
     street.does("boss", lambda me: locks(me, timeout=1.0), asks(3, priority=1))
     return street
@@ -245,11 +249,24 @@ def given_up_and_leaving(prefetch: int | None) -> Street:
 
 
 SMALL = [overtaken, locked, locked_elsewhere, tasks]
-LARGE = [overtaken_among_more, newer, reserved, locked_from_inside, given_up, busy, nested, leaving, wider, to_many, tapped,
-         listened, given_up_and_leaving]  # fmt: skip
+LARGE = [
+    overtaken_among_more,
+    newer,
+    reserved,
+    locked_from_inside,
+    given_up,
+    busy,
+    nested,
+    leaving,
+    wider,
+    to_many,
+    tapped,
+    listened,
+    given_up_and_leaving,
+]
 """What comes of these with messages ahead may come of them without."""
 
 UNLIKE = [lost, lock_given_up, locked_from_both]
-"""Who is lost takes along all that it has ahead; and a lock that is wanted for so many seconds may be given up before a
-slot has given back what it has ahead.
+"""Who is lost takes along all that it has ahead; and a lock that is wanted for so many seconds may
+be given up before a slot has given back what it has ahead.
 """

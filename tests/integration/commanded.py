@@ -1,4 +1,6 @@
-"""The robot that the commands of the command line are tried on: its messages; and how a command is run."""
+"""The robot that the commands of the command line are tried on: its messages; and how a command is
+run.
+"""
 
 from dataclasses import dataclass
 
@@ -35,10 +37,17 @@ class Move:
 
 WALK, MOVE, LATER = Goal("walk", int), Command("move", Move, result=Pose), Command("later")
 SAY, TICK = Inform("say", str), Broadcast("tick")
-WHERE, HEALTH, SILENT = Query("where", Pose, reply=Pose), MultiQuery("health", reply=float), Query("silent", reply=int)
+WHERE, HEALTH, SILENT = (
+    Query("where", Pose, reply=Pose),
+    MultiQuery("health", reply=float),
+    Query("silent", reply=int),
+)
 MODE, POSE = Variable("mode", str), Variable("pose", Pose)
 SAY_MOVE = Inform("say move", Move)
-FIX, LOOK = ExceptionHandler("fix"), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
+FIX, LOOK = (
+    ExceptionHandler("fix"),
+    PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER),
+)
 FELL = Failure("fell", int)
 
 
@@ -46,4 +55,8 @@ def tca(command: click.Command, *words: str, given: str = "") -> tuple[int, str,
     """Exit code, output and errors."""
     result = CliRunner().invoke(command, words, input=given)
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.stdout, result.stderr.removeprefix("Usage:").rpartition("Error: ")[2]
+    return (
+        result.exit_code,
+        result.stdout,
+        result.stderr.removeprefix("Usage:").rpartition("Error: ")[2],
+    )

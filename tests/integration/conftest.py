@@ -52,6 +52,8 @@ def robot(address: str) -> Iterator[list[str]]:
 
 @pytest.fixture
 def find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For commands of the tests' own process, which are more patient than people are: the machine may be busy."""
+    """For commands of the tests' own process, which are more patient than people are: the machine
+    may be busy.
+    """
     monkeypatch.setenv("TCA_CENTRAL", address)
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 20.0)

@@ -25,9 +25,14 @@ class Terminal:
         self.slave = slave
         self.seen = ""
         self.process = subprocess.Popen(
-            command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
-            env={**os.environ, "TERM": "xterm-256color", **environment} | dict.fromkeys(("COLUMNS", "LINES"), ""),
-        )  # fmt: skip
+            command,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color", **environment}
+            | dict.fromkeys(("COLUMNS", "LINES"), ""),
+        )
 
     def shows(self, pattern: str) -> str:
         """Read on until *pattern* is on the screen; what it matched. Forgets what came before."""
@@ -36,7 +41,11 @@ class Terminal:
             assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.seen[-4000:]}"
             assert self.process.poll() is None, self.seen[-4000:]
             if select.select([self.master], [], [], 0.1)[0]:
-                self.seen += re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", os.read(self.master, 65536).decode(errors="replace"))
+                self.seen += re.sub(
+                    r"\x1b\[[0-9;?]*[a-zA-Z]",
+                    "",
+                    os.read(self.master, 65536).decode(errors="replace"),
+                )
         self.seen = self.seen[found.end() :]
         return found[0]
 

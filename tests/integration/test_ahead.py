@@ -1,4 +1,6 @@
-"""A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody gets in between."""
+"""A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody
+gets in between.
+"""
 
 import queue
 import threading
@@ -66,7 +68,9 @@ def test_informs_are_all_handled_in_order(quick: Quick, user: Client) -> None:
 def test_queries_get_their_own_answers(quick: Quick, user: Client) -> None:
     with quick.module.running():
         asked = [user.query_send(DOUBLE, number) for number in range(MANY)]
-        assert [one.receive(timeout=SOON) for one in asked] == [2 * number for number in range(MANY)]
+        assert [one.receive(timeout=SOON) for one in asked] == [
+            2 * number for number in range(MANY)
+        ]
     assert quick.most > 1
 
 
@@ -81,7 +85,9 @@ def test_the_handlers_own_lock_goes_before_what_is_ahead(quick: Quick, user: Cli
         assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
 
 
-def test_nothing_is_handled_while_others_hold_the_lock(quick: Quick, user: Client, daemon: RealCentral) -> None:
+def test_nothing_is_handled_while_others_hold_the_lock(
+    quick: Quick, user: Client, daemon: RealCentral
+) -> None:
 
     def send() -> None:
         with connect("other", daemon.address) as other:
@@ -99,7 +105,9 @@ def test_nothing_is_handled_while_others_hold_the_lock(quick: Quick, user: Clien
                     assert len(quick.heard) == before
             sending.join(SOON)
         assert user.query(HEARD, timeout=SOON) == list(range(MANY))
-    facts = [fact for fact in daemon.facts(object) if isinstance(fact, Delivered | Returned | Granted)]
+    facts = [
+        fact for fact in daemon.facts(object) if isinstance(fact, Delivered | Returned | Granted)
+    ]
     inside: set[int] = set()
     for fact in facts:
         assert not (isinstance(fact, Granted) and inside), "granted while somebody was in it"
@@ -144,7 +152,9 @@ def test_a_handler_that_hangs_keeps_no_reply_of_those_before_it(
         for _ in range(5):
             asked = [user.query_send(DOUBLE, number) for number in range(50)]
             hanging = user.query_send(hang)
-            assert [one.receive(timeout=SOON / 2) for one in asked] == [2 * number for number in range(50)]
+            assert [one.receive(timeout=SOON / 2) for one in asked] == [
+                2 * number for number in range(50)
+            ]
             goes_on.set()
             assert hanging.receive(timeout=SOON)
             goes_on.clear()
@@ -189,7 +199,11 @@ def test_a_callback_that_waits_lets_what_is_next_be_handled(
 ) -> None:
     """Who answers it may ask the slot that it waits in."""
     monkeypatch.setattr(turns, "QUICK", 0.0)  # callbacks come between any two messages
-    asker, answers, is_ready = Module("asker", daemon.address), queue.Queue[int](), threading.Event()
+    asker, answers, is_ready = (
+        Module("asker", daemon.address),
+        queue.Queue[int](),
+        threading.Event(),
+    )
     asker.handles(ASK_BACK)(lambda task: task.query(DOUBLE, 2, timeout=SOON))
 
     @quick.module.handles(HOLD, resource="ear")

@@ -46,10 +46,22 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
         ["number", "monitor", "under", "sent by"],
         [str(look.id), "look", f"walk {{{walk.id}}}", "other script"],
     ]
-    first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
+    first = {
+        "id": fell.id,
+        "failure": "fell",
+        "handler": "fix",
+        "task": 0,
+        "message": "walk",
+        "maximum": 2,
+    }
     assert told["exception_handlers"][0] == {
-        **first, "modules": ["user"], "gone": [], "earlier": [], "is_stale": False, "handled_by": []
-    }  # fmt: skip
+        **first,
+        "modules": ["user"],
+        "gone": [],
+        "earlier": [],
+        "is_stale": False,
+        "handled_by": [],
+    }
     assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
     text = tca(attached)[1]
     assert "other script (has left), user" in text
@@ -57,7 +69,10 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     fell.remove()
     left = user.status("attached")
     assert len(left["exception_handlers"]) == 2
-    assert left["wiretaps"][0]["modules"] == ["other script", "user"]  # also when one of them is gone
+    assert left["wiretaps"][0]["modules"] == [
+        "other script",
+        "user",
+    ]  # also when one of them is gone
 
 
 def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_number(
@@ -77,7 +92,9 @@ def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_
     assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
 
 
-def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, daemon: RealCentral) -> None:
+def test_what_outlives_its_module_is_detached(
+    robot: list[str], user: Client, daemon: RealCentral
+) -> None:
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     with connect("panel") as panel:
@@ -94,8 +111,14 @@ def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, da
     assert tca(detach, "fix") == (1, "", text)
     assert tca(detach, str(of_all.id)) == (0, both[0] + ": detached\n", "")
     assert tca(detach, "fix") == (0, both[1] + ": detached\n", "")
-    assert tca(detach, "say move")[:2] == (0, f"wiretap say move {{{check.id}}} of all move: detached\n")
-    assert tca(detach, str(look.id))[:2] == (0, f"monitor look {{{look.id}}} of walk {{{walk.id}}}: detached\n")
+    assert tca(detach, "say move")[:2] == (
+        0,
+        f"wiretap say move {{{check.id}}} of all move: detached\n",
+    )
+    assert tca(detach, str(look.id))[:2] == (
+        0,
+        f"monitor look {{{look.id}}} of walk {{{walk.id}}}: detached\n",
+    )
     there = f"attached are wiretap look {{{watched.id}}} of all walk: see 'tca attached'\n"
     for what, why in (
         (str(check.id), f"{check.id} is not attached, or not any more"),
@@ -107,17 +130,23 @@ def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, da
         assert tca(detach, what) == (1, "", f"{why}; {there}")
     assert user.detach(watched.id)
     assert not user.detach(watched.id)
-    assert tca(detach, "look") == (1, "", "nothing called 'look' is attached; nothing at all is attached\n")
+    assert tca(detach, "look") == (
+        1,
+        "",
+        "nothing called 'look' is attached; nothing at all is attached\n",
+    )
     with pytest.raises(Refused, match="is a goal, which is not attached: kill it to end it"):
         user.detach(walk.id)
     with pytest.raises(Refused, match="there is no exception handler or wiretap 9999"):
         user.detach(9999)
     gone = daemon.facts(facts.Removed)
     numbers = [of_all.id, of_one.id, check.id, watched.id]
-    assert [(fact.id, fact.by) for fact in gone] == list(zip(numbers, ["tca detach"] * 3 + ["user"], strict=True))
+    assert [(fact.id, fact.by) for fact in gone] == list(
+        zip(numbers, ["tca detach"] * 3 + ["user"], strict=True)
+    )
 
 
-# --- What a program has attached, and does not attach anew when it is started again, is marked and taken away --------
+# --- What a program has attached, and does not attach anew when it is started again, is marked and
 
 
 _GUARD = """
@@ -145,8 +174,12 @@ def listed(kind: str) -> dict[str, dict[str, Any]]:
 
 
 def stale() -> list[str]:
-    return [name for kind in ("exception_handlers", "wiretaps", "monitors")
-            for name, one in listed(kind).items() if one["is_stale"]]  # fmt: skip
+    return [
+        name
+        for kind in ("exception_handlers", "wiretaps", "monitors")
+        for name, one in listed(kind).items()
+        if one["is_stale"]
+    ]
 
 
 def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_away(
@@ -156,26 +189,36 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
     program.write_text(_GUARD)
     for words in (["checks"], []):
         with Process(str(program), *words) as process:
-            until(lambda: "guard" in {one["module"] for one in user.status("modules")}, "the program is there")
+            until(
+                lambda: "guard" in {one["module"] for one in user.status("modules")},
+                "the program is there",
+            )
             until(lambda: "later" in listed("wiretaps"), "it has attached something")
             if not words:
                 until(stale, "the program is said to be ready")
                 text = tca(attached)[1]
                 assert stale() == ["say move"]
                 check = listed("wiretaps")["say move"]["id"]
-                assert [line.split()[0] for line in text.splitlines() if "guard (an earlier run)" in line] == [
-                    str(check)
-                ]
+                assert [
+                    line.split()[0]
+                    for line in text.splitlines()
+                    if "guard (an earlier run)" in line
+                ] == [str(check)]
                 gone = f"wiretap say move {{{check}}} of all move, which 'guard' had attached in an earlier run: detached\n"
                 assert tca(detach, "--stale") == (0, gone, "")
                 assert [*listed("wiretaps")] == ["later"]
                 assert tca(detach, "--stale") == (0, "nothing is left of earlier runs\n", "")
             process.communicate(timeout=SOON)
-        until(lambda: "guard" not in {one["module"] for one in user.status("modules")}, "the program has ended")
+        until(
+            lambda: "guard" not in {one["module"] for one in user.status("modules")},
+            "the program has ended",
+        )
         assert stale() == []  # a program that is not there may yet come back as it was
 
 
-def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(address: str, user: Client) -> None:
+def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
+    address: str, user: Client
+) -> None:
     first = Module("guard", address)
 
     @first.at_start
@@ -192,7 +235,9 @@ def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(address
     with second.running():
         assert early == []  # it may attach more
         known = json.loads(tca(attached, "--json")[1])
-        found = [(one["task"], one["message"], one["is_stale"]) for one in known["exception_handlers"]]
+        found = [
+            (one["task"], one["message"], one["is_stale"]) for one in known["exception_handlers"]
+        ]
         assert found == [(0, "", True), (0, "walk", False)]
         assert known["exception_handlers"][0]["earlier"] == ["guard"]
         assert known["exception_handlers"][0]["gone"] == []

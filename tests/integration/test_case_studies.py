@@ -1,5 +1,5 @@
-"""The three case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15, as somebody sees them who
-observes all tasks, and as their text tells them.
+"""The three case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15, as
+somebody sees them who observes all tasks, and as their text tells them.
 """
 
 import runpy
@@ -32,7 +32,9 @@ def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
             monkeypatch.setattr(testing, "LocalCentral", lambda: nullcontext(central))
             with memory.observe() as changes:
                 runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
-                memory.command(LAST).kill()  # central's order: what came before it has been told by then
+                memory.command(
+                    LAST
+                ).kill()  # central's order: what came before it has been told by then
                 seen = list(takewhile(lambda change: change.message != LAST.name, changes))
         return numbered(seen)
 
@@ -47,33 +49,51 @@ def numbered(changes: list[Change]) -> list[Told]:
         assert not change.missed
         if change.task.id not in known[change.message]:
             known[change.message].append(change.task.id)
-        told.append((change.message, 1 + known[change.message].index(change.task.id), change.transition, change.module))
+        told.append(
+            (
+                change.message,
+                1 + known[change.message].index(change.task.id),
+                change.transition,
+                change.module,
+            )
+        )
     return told
 
 
 def of(story: list[Told], message: str, number: int = 1) -> list[str]:
     """What happened to one task: "transition by module"."""
-    return [f"{name} by {module}".removesuffix(" by ") for one, nth, name, module in story
-            if (one, nth) == (message, number)]  # fmt: skip
+    return [
+        f"{name} by {module}".removesuffix(" by ")
+        for one, nth, name, module in story
+        if (one, nth) == (message, number)
+    ]
 
 
 def at(story: list[Told], message: str, number: int, transition: str) -> int:
-    return next(place for place, one in enumerate(story) if one[:3] == (message, number, transition))
+    return next(
+        place for place, one in enumerate(story) if one[:3] == (message, number, transition)
+    )
 
 
 def test_three_task_types_one_pattern(story_of: Play) -> None:
-    """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side by side (7-11); another
-    question comes and is rejected (12-16); the arm goes back and the voice says thanks, side by side (18-21).
+    """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side
+    by side (7-11); another question comes and is rejected (12-16); the arm goes back and the voice
+    says thanks, side by side (18-21).
     """
     story = story_of("46_curious_robot_asks")
-    assert of(story, "label query") == ["initiated by initiative", "accepted by dialog", "completed"]
+    assert of(story, "label query") == [
+        "initiated by initiative",
+        "accepted by dialog",
+        "completed",
+    ]
     assert of(story, "label query", 2) == ["initiated by initiative", "rejected"]
     for number in (1, 2):
         assert of(story, "point", number) == ["initiated by dialog", "accepted by arm", "completed"]
         assert of(story, "say", number) == ["initiated by dialog", "accepted by voice", "completed"]
     assert len(story) == 17
     begun, done = (
-        [at(story, message, 1, transition) for message in ("point", "say")] for transition in ("initiated", "completed")
+        [at(story, message, 1, transition) for message in ("point", "say")]
+        for transition in ("initiated", "completed")
     )
     again = [at(story, message, 2, "initiated") for message in ("point", "say")]
     assert at(story, "label query", 1, "accepted") < min(begun)
@@ -84,7 +104,9 @@ def test_three_task_types_one_pattern(story_of: Play) -> None:
 
 
 def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
-    """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its acceptance up."""
+    """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its
+    acceptance up.
+    """
     story = story_of("47_curious_robot_grasps")
     changes = of(story, "grasp")
     feedback = [
@@ -92,13 +114,25 @@ def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
     ]  # beside the rest: of another coroutine
     assert len(feedback) == 2
     assert [one for one in changes if one not in feedback] == [
-        "initiated by dialog", "accepted by coordinator", "update by dialog", "accept by coordinator", "update by dialog",
-        "reject by coordinator", "completed",
-    ]  # fmt: skip
+        "initiated by dialog",
+        "accepted by coordinator",
+        "update by dialog",
+        "accept by coordinator",
+        "update by dialog",
+        "reject by coordinator",
+        "completed",
+    ]
     assert of(story, "reach") == [
-        "initiated by coordinator", "accepted by arm", "result available by arm", "update by coordinator", "accept by arm",
-        "result available by arm", "update by coordinator", "reject by arm", "completed",
-    ]  # fmt: skip
+        "initiated by coordinator",
+        "accepted by arm",
+        "result available by arm",
+        "update by coordinator",
+        "accept by arm",
+        "result available by arm",
+        "update by coordinator",
+        "reject by arm",
+        "completed",
+    ]
     for transition in ("accept", "reject", "completed", "result available"):
         assert at(story, "reach", 1, transition) < at(story, "grasp", 1, transition)
     for transition in ("initiated", "update"):
@@ -106,11 +140,15 @@ def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
 
 
 def test_gaze_is_added_by_observation_alone(story_of: Play) -> None:
-    """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of what is rejected it does
-    not. No message is there for gaze's sake.
+    """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of
+    what is rejected it does not. No message is there for gaze's sake.
     """
     story = story_of("48_curious_robot_looks")
     assert of(story, "label query", 1) == ["initiated by initiative", "rejected"]
-    assert of(story, "label query", 2) == ["initiated by initiative", "accepted by dialog", "completed"]
+    assert of(story, "label query", 2) == [
+        "initiated by initiative",
+        "accepted by dialog",
+        "completed",
+    ]
     assert of(story, "grasp") == ["initiated by initiative", "accepted by arm", "completed"]
     assert {message for message, *_ in story} == {"label query", "grasp"}

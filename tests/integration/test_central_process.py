@@ -84,7 +84,11 @@ MOVES_UNTIL_TERMINATED = (
 def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: Path) -> None:
     with central(tmp_path, bind="tcp://127.0.0.1:*") as daemon:
         address = daemon.first_line.rpartition(" ")[2]
-        with program(SQUARES, address) as squares, program(MOVES, address) as legs, connect("user", address) as user:
+        with (
+            program(SQUARES, address) as squares,
+            program(MOVES, address) as legs,
+            connect("user", address) as user,
+        ):
             squares.hear("ready")
             legs.hear("ready")
             assert user.query(SQUARE, 12) == 144
@@ -94,7 +98,12 @@ def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: P
             assert user.query(SQUARE, 3) == 9
         assert "module 'squares' joined" in daemon.stop()
     history = History.until(open_log(daemon.journal))
-    assert [message.name for message in history.messages.values()] == ["square", "move", "move", "square"]
+    assert [message.name for message in history.messages.values()] == [
+        "square",
+        "move",
+        "move",
+        "square",
+    ]
 
 
 def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
@@ -112,9 +121,23 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
         send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
         enemy.send(send)
-        assert enemy.poll(20_000), "what it sends before it is connected would be lost when it is closed"
-        for frames in ([b""], [b"garbage"], [os.urandom(5000)], [b"a", b"b", b"c"], [future], [send], [hello], [send],
-                       [codec.pack([(headers.Reply(77), b"")])], [b"\xff" * 100], [hello[:-1]], [hello * 2000]):  # fmt: skip
+        assert enemy.poll(20_000), (
+            "what it sends before it is connected would be lost when it is closed"
+        )
+        for frames in (
+            [b""],
+            [b"garbage"],
+            [os.urandom(5000)],
+            [b"a", b"b", b"c"],
+            [future],
+            [send],
+            [hello],
+            [send],
+            [codec.pack([(headers.Reply(77), b"")])],
+            [b"\xff" * 100],
+            [hello[:-1]],
+            [hello * 2000],
+        ):
             enemy.send_multipart(frames)
             assert user.query(SQUARE, 7) == 49
         with sockets.socket(sockets.AF_UNIX) as raw:
@@ -146,7 +169,9 @@ def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
     return start
 
 
-def test_a_second_central_takes_neither_address_nor_folder(tmp_path: Path, refused: Refused) -> None:
+def test_a_second_central_takes_neither_address_nor_folder(
+    tmp_path: Path, refused: Refused
+) -> None:
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
         said = refused("--bind", daemon.address, "--no-journal")
@@ -182,12 +207,16 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         ),
     ],
 )
-def test_wrong_options_are_explained(tmp_path: Path, refused: Refused, options: list[str], words: str) -> None:
+def test_wrong_options_are_explained(
+    tmp_path: Path, refused: Refused, options: list[str], words: str
+) -> None:
     assert words in refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
 
 
 def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None:
-    """Each run has segments of its own in the folder. To those before nothing is written, but that their run is over."""
+    """Each run has segments of its own in the folder. To those before nothing is written, but that
+    their run is over.
+    """
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
             user.modules()
@@ -205,12 +234,20 @@ def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None
     assert "late" in str(list(log))
     assert not log.cut
     assert "early" in str(list(open_log(first.journal / "00000001.tcaj")))
-    links = [path for path in default_journals().iterdir() if path.is_symlink() and path.resolve() == first.journal]
+    links = [
+        path
+        for path in default_journals().iterdir()
+        if path.is_symlink() and path.resolve() == first.journal
+    ]
     assert len(links) == 1
 
 
 def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, connect("user", daemon.address) as user, ExitStack() as programs:
+    with (
+        central(tmp_path) as daemon,
+        connect("user", daemon.address) as user,
+        ExitStack() as programs,
+    ):
         legs = programs.enter_context(program(MOVES_UNTIL_TERMINATED, daemon.address))
         for _ in range(2):
             moves = [user.command(MOVE, number, sequential=False) for number in range(20)]
@@ -250,11 +287,18 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
     assert daemon.returncode == 1
     assert "central ends: internal error: AssertionError in event" in caplog.text
     assert "the cat is both dead and alive" in said
-    assert "GetVariable of module 'user'; this is a bug in central, please report it with the journal" in said
+    assert (
+        "GetVariable of module 'user'; this is a bug in central, please report it with the journal"
+        in said
+    )
     log = open_log(journal)
     entries = list(log)
     log.check()
-    assert any(isinstance(fact, facts.Received) and fact.message == "walk" for entry in entries for fact in entry.facts)
+    assert any(
+        isinstance(fact, facts.Received) and fact.message == "walk"
+        for entry in entries
+        for fact in entry.facts
+    )
     (failed,) = entries[-1].facts
     assert isinstance(failed, facts.CentralFailed)
     assert failed.why.startswith("internal error: AssertionError in event")

@@ -1,11 +1,28 @@
-"""The command line's hand on a running central: tasks, messages and variables, as people and scripts use it."""
+"""The command line's hand on a running central: tasks, messages and variables, as people and
+scripts use it.
+"""
 
 import json
 import re
 import threading
 
 import pytest
-from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SAY, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
+from integration.commanded import (
+    FELL,
+    FIX,
+    LATER,
+    LOOK,
+    MODE,
+    POSE,
+    SAY,
+    SILENT,
+    SOON,
+    TICK,
+    WALK,
+    WHERE,
+    Pose,
+    tca,
+)
 
 from tca_central.order import dispatcher
 from tca_module import Client, Failure, Module, MultiQuery, Outcome, Task, connect
@@ -20,7 +37,10 @@ def test_a_goal_is_sent_and_its_number_told(robot: list[str], user: Client) -> N
     code, text, _ = tca(send, "walk", "1")
     task = user.tasks("walk")[0]
     assert (code, text) == (0, f"walk {{{task.id}}}\n")
-    assert tca(send, "walk", "1", "--json")[:2] == (0, f'{{\n "task": {user.tasks(WALK)[1].id}\n}}\n')
+    assert tca(send, "walk", "1", "--json")[:2] == (
+        0,
+        f'{{\n "task": {user.tasks(WALK)[1].id}\n}}\n',
+    )
 
 
 def test_the_end_of_a_task_is_waited_for(robot: list[str]) -> None:
@@ -76,13 +96,24 @@ def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> Non
     code, text, error = tca(send, "walk", "1", "--timeout", "0.1")
     task = user.tasks("walk")[0].id
     assert (code, text) == (1, f"walk {{{task}}}\n")
-    assert error == f"walk {{{task}}} has not ended within 0.1 s, and goes on: 'tca kill {task}' ends it\n"
+    assert (
+        error
+        == f"walk {{{task}}} has not ended within 0.1 s, and goes on: 'tca kill {task}' ends it\n"
+    )
 
 
 def test_statements_have_arrived_when_the_command_ends(robot: list[str], user: Client) -> None:
-    for word, heard in (("hello", "hello"), ("5", "5"), ("a=b", "a=b"), ('"quoted"', "quoted"), ("null", "null")):
+    for word, heard in (
+        ("hello", "hello"),
+        ("5", "5"),
+        ("a=b", "a=b"),
+        ('"quoted"', "quoted"),
+        ("null", "null"),
+    ):
         assert tca(send, "say", word) == (0, "", "")
-        user.query(WHERE, Pose(0.0), timeout=SOON)  # the robot is one thread: it has handled what came before
+        user.query(
+            WHERE, Pose(0.0), timeout=SOON
+        )  # the robot is one thread: it has handled what came before
         assert robot.pop() == heard
     assert tca(send, "tick") == (0, "", "")
 
@@ -91,7 +122,10 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
     user.execute_if_handled(LATER)
     user.execute_if_handled(TICK)
     code, _, error = tca(send, "later")
-    assert (code, error) == (0, "nobody handles command 'later' now: it waits until a module does\n")
+    assert (code, error) == (
+        0,
+        "nobody handles command 'later' now: it waits until a module does\n",
+    )
     assert tca(send, "tick")[2] == "nobody handles broadcast 'tick' now: it reaches nobody\n"
 
 
@@ -117,7 +151,9 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
         (["say", "\udcff"], 2, "inform 'say' wants data of type string: 'utf-8' codec can't encode character '\\udcff' in position 0: surrogates not allowed"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_sent(robot: list[str], user: Client, words: list[str], code: int, error: str) -> None:
+def test_what_cannot_be_sent(
+    robot: list[str], user: Client, words: list[str], code: int, error: str
+) -> None:
     user.on_failure(FELL, FIX)
     user.get_variable(MODE, None)
     user.monitor(LOOK, period=60).kill()
@@ -155,8 +191,10 @@ def test_variables_are_set_and_read(user: Client) -> None:
     for variable in (MODE, POSE):
         user.get_variable(variable, None)
     assert tca(get_variable, "mode") == (
-        1, "", "variable 'mode' was never set: set it with 'tca set', or start the module that sets it\n"
-    )  # fmt: skip
+        1,
+        "",
+        "variable 'mode' was never set: set it with 'tca set', or start the module that sets it\n",
+    )
     assert tca(set_variable, "mode", "walking") == (0, "", "")
     assert user.get_variable(MODE) == "walking"
     assert tca(get_variable, "mode") == (0, "walking\n", "")
@@ -167,11 +205,16 @@ def test_variables_are_set_and_read(user: Client) -> None:
     assert tca(get_variable, "walk")[:2] == (1, "")
 
 
-def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Client, address: str) -> None:
+def test_a_task_is_killed_by_its_number_or_its_name(
+    robot: list[str], user: Client, address: str
+) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 2)
     other.wait_for(other.handling.end, SOON)
     code, _, error = tca(kill, "walk")
-    assert (code, error) == (1, f"2 living tasks are called 'walk': give the number of one, {one.id} and {other.id}\n")
+    assert (code, error) == (
+        1,
+        f"2 living tasks are called 'walk': give the number of one, {one.id} and {other.id}\n",
+    )
     assert tca(kill, str(one.id), "--why", "enough") == (0, f"walk {{{one.id}}}: killed\n", "")
     assert tca(kill, "walk", "--descendants") == (0, f"all under walk {{{other.id}}}: killed\n", "")
     assert one.wait(SOON) is Outcome.KILLED
@@ -181,24 +224,41 @@ def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Clie
         "",
         f"task {one.id} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
     )
-    assert tca(kill, "walk") == (1, "", f"no living task is called 'walk': no task lives in central at {address}\n")
+    assert tca(kill, "walk") == (
+        1,
+        "",
+        f"no living task is called 'walk': no task lives in central at {address}\n",
+    )
     rest = user.goal(WALK, 1)
-    assert tca(kill, "work")[2].startswith(f"no living task is called 'work': living tasks are walk {{{rest.id}}}")
+    assert tca(kill, "work")[2].startswith(
+        f"no living task is called 'work': living tasks are walk {{{rest.id}}}"
+    )
 
 
 def test_kills_with_a_delay_and_of_siblings(robot: list[str], user: Client) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 1)
-    assert tca(kill, str(one.id), "--siblings") == (0, f"the siblings of walk {{{one.id}}}: killed\n", "")
+    assert tca(kill, str(one.id), "--siblings") == (
+        0,
+        f"the siblings of walk {{{one.id}}}: killed\n",
+        "",
+    )
     assert other.wait(SOON) is Outcome.KILLED
-    assert tca(kill, "walk", "--in", "0.05") == (0, f"walk {{{one.id}}}: to be killed in 0.05 s\n", "")
+    assert tca(kill, "walk", "--in", "0.05") == (
+        0,
+        f"walk {{{one.id}}}: to be killed in 0.05 s\n",
+        "",
+    )
     assert one.wait(SOON) is Outcome.KILLED
 
 
 def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     for command, state in (
-        (suspend, "suspended"), (suspend, "suspended already"), (resume, "resumed"), (resume, "not suspended")
-    ):  # fmt: skip
+        (suspend, "suspended"),
+        (suspend, "suspended already"),
+        (resume, "resumed"),
+        (resume, "not suspended"),
+    ):
         assert tca(command, "walk") == (0, f"walk {{{walk.id}}}: {state}\n", "")
 
 
@@ -207,7 +267,11 @@ def test_a_task_is_handled_again(robot: list[str], user: Client) -> None:
     while not (before := walk.children()):
         user.modules()
     code, text, error = tca(retry, "walk")
-    assert (code, text.startswith(f"walk {{{walk.id}}}: to be handled again"), error) == (0, True, "")
+    assert (code, text.startswith(f"walk {{{walk.id}}}: to be handled again"), error) == (
+        0,
+        True,
+        "",
+    )
     while not (after := walk.children()) or after[0].id == before[0].id:
         user.modules()
     assert len(after) == 1
@@ -217,10 +281,15 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     walk.suspend()
-    (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if one["state"] == "suspended"]
+    (told,) = [
+        one
+        for one in json.loads(tca(status, "--json")[1])["waiting"]
+        if one["state"] == "suspended"
+    ]
     assert told["what"] == f"walk {{{walk.id}}}"
     assert re.fullmatch(
-        rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'", told["for"]
+        rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'",
+        told["for"],
     )
     assert not re.search(
         r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
@@ -247,7 +316,11 @@ def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
         with pytest.raises(Exception, match="which user has locked"):
             waiting.lock("other", timeout=0)
         assert tca(unlock, "other") == (0, "resource 'other': free again\n", "")
-        assert tca(unlock, "other", "--module", "other") == (0, "resource 'other': nobody had it\n", "")
+        assert tca(unlock, "other", "--module", "other") == (
+            0,
+            "resource 'other': nobody had it\n",
+            "",
+        )
         waiting.lock("other", timeout=0)
     assert tca(unlock, "arm") == (
         1,
@@ -281,7 +354,13 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
     ],
 )
 def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:
-    for command, words in ((kill, ()), (suspend, ()), (resume, ()), (retry, ()), (raise_failure, ("fell",))):
+    for command, words in (
+        (kill, ()),
+        (suspend, ()),
+        (resume, ()),
+        (retry, ()),
+        (raise_failure, ("fell",)),
+    ):
         assert tca(command, task, *words) == (code, "", error.replace("ADDRESS", address) + "\n")
 
 
@@ -305,7 +384,9 @@ def test_a_failure_with_colons_in_its_name_is_told_whole(user: Client, address: 
 
     with legs.running():
         assert "knee: stuck: hard: a screw: loose\n" in tca(send, "later", "--wait")[2]
-        assert json.loads(tca(send, "later", "--wait", "--json")[1])["failure"] == "knee: stuck: hard"
+        assert (
+            json.loads(tca(send, "later", "--wait", "--json")[1])["failure"] == "knee: stuck: hard"
+        )
     task = user.command(LATER)
     told = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
     assert told == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")

@@ -1,4 +1,6 @@
-"""Two commands are created and then ordered, the newer one first, while legs of another process have nothing to do."""
+"""Two commands are created and then ordered, the newer one first, while legs of another process
+have nothing to do.
+"""
 
 from contextlib import suppress
 from pathlib import Path
@@ -30,7 +32,9 @@ def test_an_order_that_is_given_before_they_are_let_go_is_never_too_late(tmp_pat
 
         @planner.handles(WALK)
         def walk(task: Task, suspended: bool) -> None:
-            first, second = (task.command(STEP, one, sequential=False, suspended=suspended) for one in ("a", "b"))
+            first, second = (
+                task.command(STEP, one, sequential=False, suspended=suspended) for one in ("a", "b")
+            )
             with suppress(Refused):  # it has begun
                 task.constrain(second.achieving.end <= first.achieving.start)
             if suspended:

@@ -55,7 +55,9 @@ def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:
 
 
 def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
-    """The query fails as it would through central; what is asked next waits for the next module that can answer."""
+    """The query fails as it would through central; what is asked next waits for the next module
+    that can answer.
+    """
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         with program(MAP, daemon.address) as module:
             module.hear("runs")
@@ -64,7 +66,9 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
             queued = user.query_send(HEIGHT, 2.0)
             module.send_signal(signal.SIGKILL)
             for one in (pending, queued):
-                with pytest.raises(QueryFailed, match="module lost: module 'map' was lost: its connection closed"):
+                with pytest.raises(
+                    QueryFailed, match="module lost: module 'map' was lost: its connection closed"
+                ):
                     one.receive(SOON)
         (left_behind,) = tmp_path.glob("*.direct")
         with program(MAP, daemon.address):
@@ -76,7 +80,9 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
 
 
 def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Path) -> None:
-    """Its sender says how many may not have been handled: to central, in its log, and when it leaves."""
+    """Its sender says how many may not have been handled: to central, in its log, and when it
+    leaves.
+    """
     with central(tmp_path) as daemon, program(MAP, daemon.address) as module:
         user = connect("user", daemon.address, linger=SOON)
         module.hear("runs")
@@ -87,8 +93,19 @@ def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Pa
         for number in range(300):
             user.inform(POSE, float(number))
         module.send_signal(signal.SIGKILL)
-        with pytest.raises(NotSent, match=r"^300 messages of 'user' may not have reached their handler, which is gone"):
+        with pytest.raises(
+            NotSent,
+            match=r"^300 messages of 'user' may not have reached their handler, which is gone",
+        ):
             user.close()
-        with connect("other", daemon.address) as other:  # else central may end before it has heard that
-            until(lambda: "user" not in {module.name for module in other.modules()}, "its goodbye is heard")
-    assert "direct lost    user: 300 of pose" in tca("log", "show", str(daemon.journal), "--kind", "direct lost").stdout
+        with connect(
+            "other", daemon.address
+        ) as other:  # else central may end before it has heard that
+            until(
+                lambda: "user" not in {module.name for module in other.modules()},
+                "its goodbye is heard",
+            )
+    assert (
+        "direct lost    user: 300 of pose"
+        in tca("log", "show", str(daemon.journal), "--kind", "direct lost").stdout
+    )

@@ -39,7 +39,9 @@ def _many_files() -> Iterator[None]:
 def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None:
     with central(tmp_path, command=limited(1024, 1024)) as daemon, ExitStack() as stack:
         for _ in range(1100):
-            stack.enter_context(socket.socket(socket.AF_UNIX)).connect(daemon.address.removeprefix("ipc://"))
+            stack.enter_context(socket.socket(socket.AF_UNIX)).connect(
+                daemon.address.removeprefix("ipc://")
+            )
         said = said_by(daemon, "takes no more connections")
         assert "of 1024 file descriptors are in use" in said
         stack.close()
@@ -55,7 +57,9 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
             idle = idle_connections(context, address)
             said_by(daemon, "takes no more connections")
             assert is_turned_away(address)
-            with pytest.raises(CentralLost, match="it takes no more connections: end some programs, or start it"):
+            with pytest.raises(
+                CentralLost, match="it takes no more connections: end some programs, or start it"
+            ):
                 connect("late", address, patience=0.5)
             assert early.status()["connections"] == 1
             for one in idle:
@@ -81,7 +85,9 @@ def test_a_central_that_stops_while_its_door_is_shut_ends_well(tmp_path: Path) -
             one.close(linger=0)
 
 
-def idle_connections(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> "list[zmq.Socket[bytes]]":
+def idle_connections(
+    context: "zmq.Context[zmq.Socket[bytes]]", address: str
+) -> "list[zmq.Socket[bytes]]":
     idle = [context.socket(zmq.DEALER) for _ in range(60)]
     for one in idle:
         one.connect(address)

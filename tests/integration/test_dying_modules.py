@@ -1,5 +1,5 @@
-"""Programs that die in the midst of a handler, each in its own way: who waits is told, what they had is free, and nothing
-that ends a program is given to another one unless somebody decides so.
+"""Programs that die in the midst of a handler, each in its own way: who waits is told, what they
+had is free, and nothing that ends a program is given to another one unless somebody decides so.
 """
 
 import signal
@@ -11,7 +11,17 @@ from module.real_central import until
 from processes import central, program
 
 from tca_central.requests.joining import MOST_AHEAD
-from tca_module import Client, Command, ExceptionHandler, Module, Query, QueryFailed, Recovery, TaskFailed, connect
+from tca_module import (
+    Client,
+    Command,
+    ExceptionHandler,
+    Module,
+    Query,
+    QueryFailed,
+    Recovery,
+    TaskFailed,
+    connect,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +43,11 @@ WAYS = {
     "crash": ("ctypes.string_at(0)", RUN, -signal.SIGSEGV),
     "exit": ("os._exit(0)", RUN, 0),
     "exec": ("os.execv('/bin/true', ['true'])", RUN, 0),
-    "main thread": ("time.sleep(60)", "block = module.running(); block.__enter__(); sys.stdin.readline()", 0),
+    "main thread": (
+        "time.sleep(60)",
+        "block = module.running(); block.__enter__(); sys.stdin.readline()",
+        0,
+    ),
     "SIGTERM": (
         "os.kill(os.getpid(), 15); time.sleep(60)",
         "with module.running(): sys.stdin.read()",
@@ -60,7 +74,10 @@ def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
                         work.result(timeout=SOON)
                     assert dying.wait(SOON) == code, dying.stderr and dying.stderr.read()
                 user.lock("camera", timeout=SOON).release()
-                until(lambda: {module.name for module in user.modules()} == {"user", "eyes"}, "it is forgotten")
+                until(
+                    lambda: {module.name for module in user.modules()} == {"user", "eyes"},
+                    "it is forgotten",
+                )
 
 
 AGAIN = ExceptionHandler("again")
@@ -87,9 +104,16 @@ def test_what_ends_its_handlers_program_is_tried_once_and_once_more_for_each_dec
     begun = tmp_path / "begun"
     monkeypatch.setenv("BEGUN", str(begun))
     poison, question = Command("poison"), Query("bad question", reply=int)
-    with central(tmp_path) as daemon, ExitStack() as programs, connect("user", daemon.address) as user:
+    with (
+        central(tmp_path) as daemon,
+        ExitStack() as programs,
+        connect("user", daemon.address) as user,
+    ):
         pool = [programs.enter_context(program(POOL, daemon.address)) for _ in range(4)]
-        until(lambda: sum("m" in module.name for module in user.modules()) == len(pool), "the pool is there")
+        until(
+            lambda: sum("m" in module.name for module in user.modules()) == len(pool),
+            "the pool is there",
+        )
         user.wait_until_handled(poison, question, timeout=SOON)
         with pytest.raises(QueryFailed, match="module lost"):
             user.query(question, timeout=SOON)
@@ -125,10 +149,18 @@ module.run()
 
 
 def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(MANY, daemon.address), connect("user", daemon.address) as user:
+    with (
+        central(tmp_path) as daemon,
+        program(MANY, daemon.address),
+        connect("user", daemon.address) as user,
+    ):
         with program(STANDS, daemon.address) as stopped:
-            user.wait_until_handled(Command("work"), *(Command(f"work m{n}") for n in range(50)), timeout=SOON)
-            work = [user.command(Command(f"work m{number}"), sequential=False) for number in range(50)]
+            user.wait_until_handled(
+                Command("work"), *(Command(f"work m{n}") for n in range(50)), timeout=SOON
+            )
+            work = [
+                user.command(Command(f"work m{number}"), sequential=False) for number in range(50)
+            ]
             work.append(user.command(Command("work"), sequential=False))
             assert all(one.id for one in work)
             stopped.hear("begun")
@@ -138,7 +170,7 @@ def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Pat
             assert daemon.process.wait(5) == 0
 
 
-# --- A process is killed while it has messages ahead, and has not said what it has handled of them -------------------
+# --- A process is killed while it has messages ahead, and has not said what it has handled of them
 
 
 DOUBLE = Query("double", int, reply=int)
@@ -161,7 +193,9 @@ QUICK = """
 
 
 def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
-    """The answers, or failures, of questions that are put at once. Another one who answers comes meanwhile."""
+    """The answers, or failures, of questions that are put at once. Another one who answers comes
+    meanwhile.
+    """
     asked = [user.query_send(DOUBLE, number) for number in numbers]
     found: list[int | str] = []
     with program(QUICK, address):
@@ -174,7 +208,11 @@ def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
 
 
 def test_what_it_may_have_handled_has_failed_and_the_rest_goes_to_the_next(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, connect("user", daemon.address) as user, program(QUICK, daemon.address):
+    with (
+        central(tmp_path) as daemon,
+        connect("user", daemon.address) as user,
+        program(QUICK, daemon.address),
+    ):
         for number in range(20):
             assert user.query(DOUBLE, number, timeout=PATIENCE) == 2 * number
         numbers = [*range(RUNS), DEADLY, *range(RUNS)]

@@ -37,7 +37,11 @@ def test_example(path: Path, tmp_path: Path) -> None:
 
 def test_each_example_is_shown_in_the_docs() -> None:
     pages = [EXAMPLES.parent / "README.md", *(EXAMPLES.parent / "docs").glob("*.md")]
-    shown = {number for page in pages for number in re.findall(r"(?:Example |examples/)(\d\d)", page.read_text())}
+    shown = {
+        number
+        for page in pages
+        for number in re.findall(r"(?:Example |examples/)(\d\d)", page.read_text())
+    }
     assert shown == {path.name[:2] for path in EXAMPLES.glob("*.py")}
 
 

@@ -1,4 +1,6 @@
-"""Central is killed under those who follow, observe, update and cancel a task, and goes on: they notice nothing."""
+"""Central is killed under those who follow, observe, update and cancel a task, and goes on: they
+notice nothing.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -52,7 +54,10 @@ def kill(central: list[Central]) -> None:
 def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
     central: list[Central], tmp_path: Path
 ) -> None:
-    with connect("user", central[0].address, patience=20) as user, connect("visitor", central[0].address) as visitor:
+    with (
+        connect("user", central[0].address, patience=20) as user,
+        connect("visitor", central[0].address) as visitor,
+    ):
         observed = visitor.observe(WATCH, timeout=20)
         watch = user.command(WATCH, 1.0)
         changes, progress = watch.changes(timeout=20), watch.progress(float, timeout=20)
@@ -71,6 +76,8 @@ def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
         central.append(Central(tmp_path))
         assert watch.wait(20) is Outcome.KILLED
         first, *seen = changes
-        assert sum(one.missed + 1 for one in seen) == seen[-1].serial - first.serial, "each was seen, or counted"
+        assert sum(one.missed + 1 for one in seen) == seen[-1].serial - first.serial, (
+            "each was seen, or counted"
+        )
         assert seen[-1].state == "cancelled"
         assert next(change for change in observed if change.is_over).task.id == watch.id

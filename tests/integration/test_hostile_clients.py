@@ -1,4 +1,6 @@
-"""Raw bytes at a real central: whatever comes, it answers others, and its log and the commands stay calm."""
+"""Raw bytes at a real central: whatever comes, it answers others, and its log and the commands stay
+calm.
+"""
 
 import json
 import socket
@@ -21,7 +23,17 @@ from tca_module import Client, Inform, MisuseError, connect
 from tca_module.errors import BadData
 from tca_tools.live.questions import attached, messages, modules, status, variables
 from tca_wire.packets.codec import pack_item, unpack_to_module
-from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Hello, Kill, Refused, Register, Send, Unknown, Welcome
+from tca_wire.packets.headers import (
+    PROTOCOL_VERSION,
+    Ask,
+    Hello,
+    Kill,
+    Refused,
+    Register,
+    Send,
+    Unknown,
+    Welcome,
+)
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal
@@ -81,7 +93,12 @@ class Line:
 
 
 def hello(**fields: Any) -> Hello:
-    options: dict[str, Any] = {"version": PROTOCOL_VERSION, "module": "rogue", "incarnation": "run of rogue", **fields}
+    options: dict[str, Any] = {
+        "version": PROTOCOL_VERSION,
+        "module": "rogue",
+        "incarnation": "run of rogue",
+        **fields,
+    }
     return Hello(1, **options)
 
 
@@ -95,7 +112,9 @@ def rogue(daemon: Central, friend: Client) -> Iterator[Line]:
 @contextmanager
 def raw(daemon: Central) -> Iterator[socket.socket]:
     """A line of somebody who speaks TCP."""
-    with socket.create_connection(("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20) as line:
+    with socket.create_connection(
+        ("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20
+    ) as line:
         yield line
 
 
@@ -148,7 +167,9 @@ def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int
     assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
 
 
-def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(daemon: Central, friend: Client) -> None:
+def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(
+    daemon: Central, friend: Client
+) -> None:
     line = Line(daemon.address, AWAY + b"0")
     (answer,) = line.ask(pack_item(hello()))
     line.socket.close()
@@ -160,7 +181,10 @@ def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> No
         (answer,) = rogue.ask(pack_item(hello(module=name)))
         assert isinstance(answer, Refused)
     rogue.hello()
-    formats = [MessageFormat("walk", MessageClass.GOAL, ESCAPES), MessageFormat("../walk", MessageClass.GOAL, "{}")]
+    formats = [
+        MessageFormat("walk", MessageClass.GOAL, ESCAPES),
+        MessageFormat("../walk", MessageClass.GOAL, "{}"),
+    ]
     rogue.ask(pack_item(Register(2, formats)))
     sent = rogue.ask(pack_item(Send(3, "walk"), b"\xc1\xff" + ESCAPES.encode()))
     rogue.ask(pack_item(Send(4, ESCAPES * 1000)))
@@ -187,7 +211,7 @@ def test_a_body_that_is_too_long_is_refused_with_both_sizes(rogue: Line) -> None
     assert "8,388,608" in answer.text
 
 
-# --- below ZeroMQ ----------------------------------------------------------------------------------------------------
+# --- below ZeroMQ ---------------------------------------------------------------------------------
 
 STRANGERS = {
     "HTTP": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
@@ -208,7 +232,9 @@ def test_strangers_are_hung_up_on_or_left_alone(daemon: Central, friend: Client,
     with raw(daemon) as line:
         line.sendall(STRANGERS[what])
         line.settimeout(0.1)
-        with suppress(ConnectionError, TimeoutError):  # ZeroMQ may wait for more of what it takes for its first version
+        with suppress(
+            ConnectionError, TimeoutError
+        ):  # ZeroMQ may wait for more of what it takes for its first version
             while line.recv(4096):
                 pass
         friend.status()

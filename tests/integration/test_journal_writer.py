@@ -53,11 +53,18 @@ def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     journal.end(200, 20.0, "done")
     segments = sorted(path.name for path in (tmp_path / "run").iterdir())
     assert segments[:3] == ["00000001.tcaj", "00000002.tcaj", "00000003.tcaj"]
-    dropped = [fact.id for entry in open_log(tmp_path / "run") for fact in entry.facts if isinstance(fact, Dropped)]
+    dropped = [
+        fact.id
+        for entry in open_log(tmp_path / "run")
+        for fact in entry.facts
+        if isinstance(fact, Dropped)
+    ]
     assert dropped == list(range(1, 200))
 
 
-def test_who_writes_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_writes_never_waits_for_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Nor where another segment begins while the disk is asked."""
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(JournalWriter, "longest", 100)
@@ -81,7 +88,9 @@ def test_who_writes_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest
     assert all(was_done for _, was_done in synced), "it waited"
 
 
-def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sync_that_fails_stops_the_next_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     journal = writer(tmp_path / "run")
     os.close(journal._file)
@@ -100,7 +109,9 @@ central()
 """
 
 
-def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(tmp_path: Path) -> None:
+def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(
+    tmp_path: Path,
+) -> None:
     daemon = Central(tmp_path, command=("-c", FULL))
     with pytest.raises(TcaError), connect("user", daemon.address, patience=2) as user:
         flood(user)
@@ -117,7 +128,9 @@ def flood(user: Client) -> None:
         user.status("status")
 
 
-def test_tools_find_the_newest_run_wherever_its_journal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tools_find_the_newest_run_wherever_its_journal_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with central(tmp_path / "old") as old:
         pass
@@ -125,24 +138,34 @@ def test_tools_find_the_newest_run_wherever_its_journal_is(tmp_path: Path, monke
     shutil.rmtree(old.journal)
     with central(tmp_path / "new") as new:
         assert newest_journal().resolve() == new.journal.resolve()
-    assert len(list((tmp_path / "state/tca/journals").iterdir())) == 1  # of what is gone no link stays
+    assert (
+        len(list((tmp_path / "state/tca/journals").iterdir())) == 1
+    )  # of what is gone no link stays
 
 
-def test_tools_look_at_the_run_of_the_central_that_is_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tools_look_at_the_run_of_the_central_that_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with central(tmp_path / "a") as one, central(tmp_path / "b", bind="tcp://127.0.0.1:*") as other:
         monkeypatch.setenv("TCA_CENTRAL", one.address)
         assert newest_journal() == one.journal.resolve()
-        monkeypatch.setenv("TCA_CENTRAL", other.first_line.split()[-1].replace("127.0.0.1", "localhost"))
+        monkeypatch.setenv(
+            "TCA_CENTRAL", other.first_line.split()[-1].replace("127.0.0.1", "localhost")
+        )
         assert newest_journal() == other.journal.resolve()
     monkeypatch.setenv("TCA_CENTRAL", "tcp://robot:7000")
-    with pytest.raises(UnusableLog, match=r"no journal of the central at tcp://robot:7000 \(\$TCA_CENTRAL\)"):
+    with pytest.raises(
+        UnusableLog, match=r"no journal of the central at tcp://robot:7000 \(\$TCA_CENTRAL\)"
+    ):
         newest_journal()
     monkeypatch.delenv("TCA_CENTRAL")
     assert newest_journal().resolve() == other.journal.resolve()
 
 
-def test_a_failing_disk_is_named_and_the_run_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_disk_is_named_and_the_run_stays_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "run").mkdir()
     inputs = InputLog(tmp_path / "run", epoch="e", sync=Sync.ALWAYS)
     log = RunLog(writer(tmp_path / "run"), inputs)
@@ -160,7 +183,9 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(tmp_path: Path, monkeypa
             log.flush(core)
     monkeypatch.undo()
     log.end(core, "", is_over=False)
-    assert not any(isinstance(fact, Closed) for entry in open_log(tmp_path / "run") for fact in entry.facts)
+    assert not any(
+        isinstance(fact, Closed) for entry in open_log(tmp_path / "run") for fact in entry.facts
+    )
     assert unfinished(tmp_path / "run")
 
 
@@ -173,7 +198,10 @@ def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> 
 
 
 def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> None:
-    with central(tmp_path, "--if-journal-fails", "go-on") as daemon, connect("user", daemon.address) as user:
+    with (
+        central(tmp_path, "--if-journal-fails", "go-on") as daemon,
+        connect("user", daemon.address) as user,
+    ):
         user.status()
         for path in daemon.journal.glob("*.tcaj"):
             path.unlink()
@@ -183,7 +211,9 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
     assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago
 
 
-def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What central does about that is in central/test_limits.py."""
     (tmp_path / "run").mkdir()
     log = RunLog(writer(tmp_path / "run"), None)
@@ -195,7 +225,9 @@ def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(tmp_path: Path, monk
 
 
 def test_a_lock_that_is_kept_for_a_moment_longer_is_waited_for(tmp_path: Path) -> None:
-    """A central that was killed while it took an image leaves a child behind, which has its locks until it closes."""
+    """A central that was killed while it took an image leaves a child behind, which has its locks
+    until it closes.
+    """
     held = lock_folder(tmp_path)
     timer = threading.Timer(0.1, os.close, [held])
     timer.start()

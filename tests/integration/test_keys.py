@@ -1,4 +1,6 @@
-"""Who gets in: keys over TCP, the kernel's word over Unix sockets, and nobody when that can't be checked."""
+"""Who gets in: keys over TCP, the kernel's word over Unix sockets, and nobody when that can't be
+checked.
+"""
 
 import os
 import subprocess
@@ -85,7 +87,9 @@ def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], No
     assert joined == [("the arm", "arm"), ("the user", "user")]
 
 
-def test_a_module_works_over_keys_with_its_slots_and_pulse(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+def test_a_module_works_over_keys_with_its_slots_and_pulse(
+    keyed: RealCentral, as_key: Callable[[str], None]
+) -> None:
     as_key("arm")
     module = Module("squares", keyed.address)
     module.handles(SQUARE)(lambda _, number: number * number)
@@ -102,7 +106,9 @@ def test_a_module_works_over_keys_with_its_slots_and_pulse(keyed: RealCentral, a
         until(is_met, "the pulse is there")
 
 
-def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path) -> None:  # fmt: skip
+def test_the_wrong_key_no_key_and_the_wrong_central(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path
+) -> None:
     as_key("none")
     assert "it wants a key, and this program shows none" in refusal(keyed.address)
     stranger = tmp_path / "elsewhere"
@@ -124,10 +130,16 @@ def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: 
 
 
 def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
-    keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    keyed: RealCentral,
+    folder: Path,
+    as_key: Callable[[str], None],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     central_key = read_client_key(folder / "arm.key").central
-    path, _ = said("new", "late", "--central", central_key, "--folder", str(tmp_path / "there")).splitlines()
+    path, _ = said(
+        "new", "late", "--central", central_key, "--folder", str(tmp_path / "there")
+    ).splitlines()
     as_key(path)
     with ThreadPoolExecutor() as threads:
         late = threads.submit(lambda: connect("late", keyed.address, patience=30).close())
@@ -136,7 +148,9 @@ def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
         late.result(timeout=30)
 
 
-def test_when_keys_cannot_be_checked_nobody_gets_in(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+def test_when_keys_cannot_be_checked_nobody_gets_in(
+    keyed: RealCentral, as_key: Callable[[str], None]
+) -> None:
     as_key("user")
     with connect("early", keyed.address) as early:
         gate = keyed.server._gate
@@ -150,8 +164,12 @@ def test_when_keys_cannot_be_checked_nobody_gets_in(keyed: RealCentral, as_key: 
         assert not gate.is_alive
 
 
-def test_an_authenticator_that_lets_strangers_in_is_found_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Authenticator, "_answer", lambda _, request: [b"1.0", request[1], b"200", b"OK", b"x", b""])
+def test_an_authenticator_that_lets_strangers_in_is_found_out(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        Authenticator, "_answer", lambda _, request: [b"1.0", request[1], b"200", b"OK", b"x", b""]
+    )
     with pytest.raises(Exception, match="an unknown key was let in when that was tried"):
         RealCentral(TCP, gate=KeyGate(folder))
 
@@ -166,7 +184,9 @@ def test_revoke_keeps_the_secret_and_says_where_it_is(folder: Path) -> None:
     assert secret.public in said("list")
 
 
-def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_key: Callable[[str], None]) -> None:
+def test_a_revoked_key_is_cut_off_at_once(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
+) -> None:
     as_key("user")
     user = connect("user", keyed.address)
     as_key("arm")
@@ -208,7 +228,9 @@ WAITS: list[Callable[[Client], object]] = [
 ]
 
 
-def test_a_revoked_client_is_told_in_each_wait(keyed: RealCentral, folder: Path, as_key: Callable[[str], None]) -> None:
+def test_a_revoked_client_is_told_in_each_wait(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
+) -> None:
     def told(wait: Callable[[Client], object]) -> list[bool]:
         with connect("user", keyed.address) as client:
             return [is_shut_out(partial(wait, client)), is_shut_out(client.status)]
@@ -217,14 +239,20 @@ def test_a_revoked_client_is_told_in_each_wait(keyed: RealCentral, folder: Path,
     lines = keyed.server.central.registry.connections
     with ThreadPoolExecutor(len(WAITS)) as threads:
         clients = [threads.submit(told, wait) for wait in WAITS]
-        until(lambda: sum(len(line.outstanding) for line in list(lines.values())) == len(WAITS), "all wait")
+        until(
+            lambda: sum(len(line.outstanding) for line in list(lines.values())) == len(WAITS),
+            "all wait",
+        )
         said("revoke", "user")
         keyed.server.look_again()
         assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
 
 
 def test_a_revoked_module_is_back_when_its_key_is_allowed(
-    keyed: RealCentral, folder: Path, as_key: Callable[[str], None], caplog: pytest.LogCaptureFixture
+    keyed: RealCentral,
+    folder: Path,
+    as_key: Callable[[str], None],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     as_key("arm")
     public = read_client_key(folder / "arm.key").public
@@ -254,7 +282,9 @@ def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folde
     assert list(gate.news(2.0, known)) == []
 
 
-def test_a_central_without_allowed_keys_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_central_without_allowed_keys_does_not_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
     for bind in ("tcp://127.0.0.1:*", "tcp://0.0.0.0:*"):
         with central(tmp_path, bind=bind) as daemon:
@@ -275,7 +305,7 @@ def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.Monke
         assert "0 modules" in (status := tca("status")).stdout, status
 
 
-# --- direct messages -------------------------------------------------------------------------------------------------
+# --- direct messages ------------------------------------------------------------------------------
 
 
 def test_direct_messages_are_encrypted_and_end_with_the_key(
@@ -303,7 +333,10 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
         assert user.query(SQUARE, 4, timeout=SOON) == 16
         (path,) = link.direct.routes.paths.values()
         assert path.entrance.curve
-        with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:  # who knows all but the public key
+        with (
+            zmq.Context() as context,
+            context.socket(zmq.DEALER) as stranger,
+        ):  # who knows all but the public key
             stranger.linger = 0
             stranger.connect(path.entrance.endpoint)
             greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")
@@ -324,15 +357,20 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
             user.close()
 
 
-# --- the files -------------------------------------------------------------------------------------------------------
+# --- the files ------------------------------------------------------------------------------------
 
 
 def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     modes = {path.name: path.stat().st_mode & 0o777 for path in [folder, *folder.rglob("*")]}
     assert modes == {
-        "keys": 0o700, "allowed": 0o700, "central.key": 0o600, "arm.key": 0o600, "user.key": 0o600, "arm.pub": 0o600,
+        "keys": 0o700,
+        "allowed": 0o700,
+        "central.key": 0o600,
+        "arm.key": 0o600,
+        "user.key": 0o600,
+        "arm.pub": 0o600,
         "user.pub": 0o600,
-    }  # fmt: skip
+    }
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert "'arm' has a key" in said("new", "arm", code=1)
     said("use", str(folder / "arm.key"))
@@ -362,7 +400,9 @@ def test_a_key_whose_secret_never_leaves_its_machine(
 ) -> None:
     there = tmp_path / "laptop"
     central_key = said("list").split()[1]
-    path, advice = said("new", "laptop", "--central", central_key, "--folder", str(there)).splitlines()
+    path, advice = said(
+        "new", "laptop", "--central", central_key, "--folder", str(there)
+    ).splitlines()
     assert said("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
     name, public = advice.split()[-2:]
     said("allow", name, public.strip("'"))
@@ -371,12 +411,16 @@ def test_a_key_whose_secret_never_leaves_its_machine(
         assert [fact.principal for fact in running.facts(facts.ModuleJoined)] == ["laptop"]
 
 
-@pytest.mark.parametrize("name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"])
+@pytest.mark.parametrize(
+    "name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"]
+)
 def test_names_that_keys_cannot_have(folder: Path, name: str) -> None:
     assert "can't be the name of a key" in said("new", "--", name, code=1)
 
 
-def test_files_that_others_can_read_are_refused(folder: Path, as_key: Callable[[str], None]) -> None:
+def test_files_that_others_can_read_are_refused(
+    folder: Path, as_key: Callable[[str], None]
+) -> None:
     (folder / "arm.key").chmod(0o644)
     as_key("arm")
     with pytest.raises(MisuseError, match=r"others may read the key .*arm.key: chmod 600"):
@@ -389,7 +433,7 @@ def test_files_that_others_can_read_are_refused(folder: Path, as_key: Callable[[
     folder.chmod(0o700)
 
 
-# --- users of this computer ------------------------------------------------------------------------------------------
+# --- users of this computer -----------------------------------------------------------------------
 
 KNOCK = """
 import os, sys, zmq
@@ -411,7 +455,9 @@ def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
         with RealCentral(f"ipc://{folder}/central.sock") as running:
             Path(folder, "central.sock").chmod(0o777)
             command = [sys.executable, "-c", KNOCK, running.address]
-            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            answer = subprocess.run(
+                command, capture_output=True, text=True, timeout=60, check=False
+            )
             assert "central lets in no programs of other users" in answer.stdout, answer
             assert not running.facts(facts.ModuleJoined)
             with connect("user", running.address) as user:
@@ -420,14 +466,19 @@ def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
 def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None:
-    owner, nobody = '[[allow]]\nkey = "owner"\nadminister = "*"\n', '[[allow]]\nkey = "uid:65534"\nmodule = "knocker"\n'
+    owner, nobody = (
+        '[[allow]]\nkey = "owner"\nadminister = "*"\n',
+        '[[allow]]\nkey = "uid:65534"\nmodule = "knocker"\n',
+    )
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         rules, file = Path(folder, "robot.toml"), Path(folder, "central.sock")
         rules.write_text(owner + nobody)
         with RealCentral(f"ipc://{file}", gate=Gate(PermissionsFile(rules), file)) as running:
             command = [sys.executable, "-c", KNOCK, running.address]
-            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            answer = subprocess.run(
+                command, capture_output=True, text=True, timeout=60, check=False
+            )
             assert "Welcome" in answer.stdout, answer
             joined = [(fact.module, fact.principal) for fact in running.facts(facts.ModuleJoined)]
             assert joined == [("knocker", "uid:65534")]
@@ -436,5 +487,7 @@ def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None
             until(lambda: len(running.facts(facts.PermissionsChanged)) >= 2, "the rules are read")
             assert file.stat().st_mode & 0o077 == 0
             file.chmod(0o777)
-            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            answer = subprocess.run(
+                command, capture_output=True, text=True, timeout=60, check=False
+            )
             assert "central lets in no programs of other users" in answer.stdout, answer

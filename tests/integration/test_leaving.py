@@ -1,4 +1,6 @@
-"""A program that leaves waits until what it sent has arrived; what may not have, it says, with an exit code."""
+"""A program that leaves waits until what it sent has arrived; what may not have, it says, with an
+exit code.
+"""
 
 import re
 import signal
@@ -142,10 +144,16 @@ def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: P
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
-        soaked(IN_A_THREAD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        soaked(
+            IN_A_THREAD.format(linger=0.5),
+            "51 messages of 'script' may not have reached central at ",
+        ),
         (IDLE.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WAITING.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
-        soaked(IN_A_CHILD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        soaked(
+            IN_A_CHILD.format(linger=0.5),
+            "51 messages of 'script' may not have reached central at ",
+        ),
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )
@@ -157,7 +165,7 @@ def test_what_may_be_lost_is_said_with_an_exit_code(text: str, said: str, tmp_pa
     assert said in errors.splitlines()[-1]
 
 
-# --- Ctrl-C, or SIGTERM, ends a program of modules at the first time, whatever its handlers wait for -----------------
+# --- Ctrl-C, or SIGTERM, ends a program of modules at the first time, whatever its handlers wait fo
 
 
 ROBOT = """
@@ -180,12 +188,16 @@ def dock(task: Task) -> None:
     print("left the dock", flush=True)
 """
 
-RUN = "robot.after(0, lambda callback: callback.goal(WORK))\nrobot.run()\nprint('over', flush=True)\n"
+RUN = (
+    "robot.after(0, lambda callback: callback.goal(WORK))\nrobot.run()\nprint('over', flush=True)\n"
+)
 RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
 
 
 @pytest.mark.parametrize(
-    ("body", "code", "said"), [(RUN, 0, "over\n"), (RUNNING, -signal.SIGINT, "")], ids=["run", "running"]
+    ("body", "code", "said"),
+    [(RUN, 0, "over\n"), (RUNNING, -signal.SIGINT, "")],
+    ids=["run", "running"],
 )
 def test_the_first_ctrl_c_ends_it(tmp_path: Path, body: str, code: int, said: str) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
@@ -216,19 +228,25 @@ robot.run()
 """
 
 
-def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(KILLED, daemon.address) as robot, connect("user", daemon.address) as user:
+def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(
+    tmp_path: Path,
+) -> None:
+    with (
+        central(tmp_path) as daemon,
+        program(KILLED, daemon.address) as robot,
+        connect("user", daemon.address) as user,
+    ):
         work = Goal("work")
         working = user.goal(work)
         robot.hear("at work")
         working.kill("enough")
         killed = f"{working} was killed: enough (by user); the wait for handlers is not waited for any more\n"
         assert robot.stdout.readline() == killed
-        waits = (
-            r"work \{1\} +until its handler in robot returns, which waits for .* that .*\(killed: enough \(by user\)\)"
-        )
+        waits = r"work \{1\} +until its handler in robot returns, which waits for .* that .*\(killed: enough \(by user\)\)"
         deadline = time.monotonic() + 10
-        while not re.search(waits, shown := CliRunner().invoke(status, ["--central", daemon.address]).output):
+        while not re.search(
+            waits, shown := CliRunner().invoke(status, ["--central", daemon.address]).output
+        ):
             assert time.monotonic() < deadline, shown
         robot.send_signal(signal.SIGTERM)
         output, errors = robot.communicate(timeout=20)

@@ -55,7 +55,9 @@ EYES = """
     eyes.run()
 """
 MOST = 120 << 20
-"""Bytes of central's process, of which 40 MiB are Python and its libraries; 400 MiB are asked for."""
+"""Bytes of central's process, of which 40 MiB are Python and its libraries; 400 MiB are asked
+for.
+"""
 
 
 @pytest.fixture
@@ -106,7 +108,9 @@ def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) ->
 
 
 def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path: Path) -> None:
-    """The names of informs that wait are given up when who declared them has left; what is dropped is counted."""
+    """The names of informs that wait are given up when who declared them has left; what is dropped
+    is counted.
+    """
     line: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     with central(tmp_path, "--no-inputs") as daemon, line:
         line.connect(daemon.address)
@@ -117,13 +121,17 @@ def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path:
             line.send(pack_item(Register(first + 2, declared)))
             line.send(pack([(Send(0, name), b"") for name in names]))
         line.send(pack_item(Ask(10_002, "status")))
-        while not any(getattr(header, "number", 0) == 10_002 for header, _ in unpack_to_module(line.recv())):
+        while not any(
+            getattr(header, "number", 0) == 10_002 for header, _ in unpack_to_module(line.recv())
+        ):
             pass
         line.send(pack_item(Bye()))
         with connect("watcher", daemon.address) as watcher:
             while watcher.status()["modules"] > 1:
                 pass
-            assert watcher.status()["messages"] == watcher.status()["waiting for a handler"] == 10_000
+            assert (
+                watcher.status()["messages"] == watcher.status()["waiting for a handler"] == 10_000
+            )
             with program(EYES, daemon.address) as eyes:
                 eyes.hear("runs")
                 assert watcher.query(LOOK, b"x", timeout=20.0) == 1
@@ -153,7 +161,9 @@ def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
 
 
 def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon) -> None:
-    """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is asked."""
+    """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is
+    asked.
+    """
     with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
         for _ in range(100):
             flood.send(pack_item(Send(0, "nothing"), bytes(2000)))
@@ -197,7 +207,7 @@ def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
             assert "--tap-depth" in errors.get(timeout=30)
 
 
-# --- Who sends more than central reads, and dies, does not take central with it; and a line that takes nothing is noti
+# --- Who sends more than central reads, and dies, does not take central with it; and a line that ta
 
 
 FLOOD = """
@@ -223,7 +233,9 @@ print(flood.returncode)
 
 
 def test_a_module_that_floods_a_busy_central_and_is_killed(tmp_path: Path) -> None:
-    """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its next heartbeat."""
+    """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its
+    next heartbeat.
+    """
     command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
     lived = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (lived.returncode, lived.stdout) == (0, f"{-signal.SIGKILL}\n"), lived.stderr
@@ -236,7 +248,9 @@ def test_a_line_that_takes_nothing_for_five_seconds_is_dead() -> None:
 
 
 def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
-    """Of the TCP sockets of this process that stand at a port: milliseconds; and seconds until, and between, probes."""
+    """Of the TCP sockets of this process that stand at a port: milliseconds; and seconds until, and
+    between, probes.
+    """
     options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
     found = []
     for file in Path("/proc/self/fd").iterdir():
@@ -245,11 +259,13 @@ def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
         with socket.socket(fileno=os.dup(int(file.name))) as line:
             is_there = line.family == socket.AF_INET and line.getsockname()[1] == port
             if is_there and line.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE):
-                found.append(tuple(line.getsockopt(socket.IPPROTO_TCP, option) for option in options))
+                found.append(
+                    tuple(line.getsockopt(socket.IPPROTO_TCP, option) for option in options)
+                )
     return found
 
 
-# --- Central is busy for long with one event, such as the kill of a very large tree: that is nobody else's fault -----
+# --- Central is busy for long with one event, such as the kill of a very large tree: that is nobody
 
 
 WALK, STEP = Goal("walk"), Command("step")
@@ -277,8 +293,8 @@ TASKS = 2_000
 
 @pytest.mark.soak
 def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
-    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no patience is told; what
-    is handled goes on, and who handles stays.
+    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no
+    patience is told; what is handled goes on, and who handles stays.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
         digger.hear("ready")
@@ -309,4 +325,6 @@ def fill(user: Client, walk: SentTask[None]) -> None:
     connection = user._connection()
     connection.declare(STEP)
     for _ in range(TASKS):
-        connection.request(headers.Send(0, STEP.name, parent=walk.id, flags=Flags.NONE), STEP.encode_data(None))
+        connection.request(
+            headers.Send(0, STEP.name, parent=walk.id, flags=Flags.NONE), STEP.encode_data(None)
+        )

@@ -1,4 +1,5 @@
-"""The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual environment.
+"""The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual
+environment.
 
 What they depend on is taken from the environment of the tests, so that nothing is downloaded.
 """
@@ -33,9 +34,15 @@ for package in {PACKAGES}:
 
 def run(*command: object, cwd: Path, **environment: str) -> str:
     result = subprocess.run(
-        [str(part) for part in command], cwd=cwd, capture_output=True, text=True, check=False, timeout=300,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | environment,
-    )  # fmt: skip
+        [str(part) for part in command],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        | environment,
+    )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
@@ -71,7 +78,11 @@ def python(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--no-compile",
     )
     run(*pip, *dist.glob("*.whl"), cwd=dist)
-    packages = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=dist).strip())
+    packages = Path(
+        run(
+            python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=dist
+        ).strip()
+    )
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return python
 
@@ -99,18 +110,24 @@ def test_what_was_installed_can_be_imported(python: Path, tmp_path: Path) -> Non
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
     here = {name for package in PACKAGES for name in files(package)}
     unwanted = ("__main__.py", *(name for name in here if "/peers/" in name))
-    assert imported == {name for name in here if name.endswith(".py") and not name.endswith(unwanted)}
+    assert imported == {
+        name for name in here if name.endswith(".py") and not name.endswith(unwanted)
+    }
     installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
     assert [name for name in here if not (installed / name).exists()] == []
 
 
 @pytest.mark.slow
 def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> None:
-    """``pip install .`` builds the wheel that is installed here; the other lines run as they are printed."""
+    """``pip install .`` builds the wheel that is installed here; the other lines run as they are
+    printed.
+    """
     tca, readme = python.with_name("tca"), (ROOT / "README.md").read_text()
     assert run(tca, "--version", cwd=tmp_path).startswith("tca, version ")
     assert re.findall(r"^\$ (.*)$", readme, re.MULTILINE) == ["pip install .", "tca central"]
-    program, printed, tree = re.findall(r"^```\w*\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[1:4]
+    program, printed, tree = re.findall(r"^```\w*\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[
+        1:4
+    ]
     with central(tmp_path, command=(str(tca), "central")) as daemon:
         said = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
     assert said == printed
@@ -118,5 +135,7 @@ def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> N
 
 
 def rows_of(tree: str) -> list[str]:
-    """Each task of a drawn tree with its state: its times, and the columns that they need, differ each time."""
+    """Each task of a drawn tree with its state: its times, and the columns that they need, differ
+    each time.
+    """
     return re.findall(r"^.*\{\d+\} +\w+", tree, re.MULTILINE)

@@ -14,7 +14,12 @@ from module.real_central import SOON, RealCentral, until
 from processes import central
 
 from tca_central.shell.gate import Gate
-from tca_central.shell.permissions_file import PermissionsError, PermissionsFile, read_rules, users_in
+from tca_central.shell.permissions_file import (
+    PermissionsError,
+    PermissionsFile,
+    read_rules,
+    users_in,
+)
 from tca_module import Inform, Module, Query, Refused, connect
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Permission, Refusal
@@ -125,7 +130,10 @@ def running(path: Path, tmp_path: Path) -> Iterator[RealCentral]:
 
 def changed(running: RealCentral, count: int) -> None:
     running.server.look_again()
-    until(lambda: len(running.facts(facts.PermissionsChanged)) >= count, "the permissions have changed")
+    until(
+        lambda: len(running.facts(facts.PermissionsChanged)) >= count,
+        "the permissions have changed",
+    )
 
 
 def test_permissions_are_read_again_while_all_goes_on(
@@ -135,7 +143,9 @@ def test_permissions_are_read_again_while_all_goes_on(
     a_map.handles(WHERE)(lambda _, number: number + 1)
     with a_map.running(), connect("user", running.address) as user:
         assert user.query(WHERE, 1, timeout=SOON) == 2
-        with pytest.raises(Refused, match="module 'user' may not declare 'secret': see the permissions file") as caught:
+        with pytest.raises(
+            Refused, match="module 'user' may not declare 'secret': see the permissions file"
+        ) as caught:
             user.inform(SECRET, 1)
         assert caught.value.refusal is Refusal.FORBIDDEN
         with pytest.raises(Refused, match="'owner' may not be module 'other'"):
@@ -152,7 +162,9 @@ def test_permissions_are_read_again_while_all_goes_on(
         changed(running, 3)
         with pytest.raises(Refused):
             user.status()
-    refused = [fact for fact in running.facts(facts.RequestRefused) if fact.refusal is Refusal.FORBIDDEN]
+    refused = [
+        fact for fact in running.facts(facts.RequestRefused) if fact.refusal is Refusal.FORBIDDEN
+    ]
     assert len(refused) >= 3
 
 
@@ -177,8 +189,17 @@ def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None
 def test_central_ends_with_its_terminal(tmp_path: Path) -> None:
     """Where there is one: a hangup is no signal to look again then."""
     near, far = pty.openpty()
-    command = [sys.executable, "-m", "tca_central", "--bind", f"ipc://{tmp_path}/central.sock", "--no-journal"]
-    with subprocess.Popen(command, stdin=far, stdout=far, stderr=far, start_new_session=True) as daemon:
+    command = [
+        sys.executable,
+        "-m",
+        "tca_central",
+        "--bind",
+        f"ipc://{tmp_path}/central.sock",
+        "--no-journal",
+    ]
+    with subprocess.Popen(
+        command, stdin=far, stdout=far, stderr=far, start_new_session=True
+    ) as daemon:
         os.close(far)
         assert b"listening" in os.read(near, 100)
         os.kill(daemon.pid, signal.SIGHUP)

@@ -1,4 +1,6 @@
-"""Central is killed and comes back: nothing that it had taken is lost, and nothing is done twice."""
+"""Central is killed and comes back: nothing that it had taken is lost, and nothing is done
+twice.
+"""
 
 import errno
 import os
@@ -33,7 +35,11 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, AwaitPoint, Hello, Refuse
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Refusal
 
-STEP, WHERE, SPEED = Command("step", int, result=int), Query("where", reply=int), Variable("speed", int)
+STEP, WHERE, SPEED = (
+    Command("step", int, result=int),
+    Query("where", reply=int),
+    Variable("speed", int),
+)
 
 LEGS = """
     import sys, time
@@ -81,7 +87,11 @@ class Robot:
         return self.central.first_line
 
     def begun(self) -> Counter[int]:
-        words = [line.split() for line in self.notebook.read_text().splitlines()] if self.notebook.exists() else []
+        words = (
+            [line.split() for line in self.notebook.read_text().splitlines()]
+            if self.notebook.exists()
+            else []
+        )
         return Counter(int(number) for word, number in words if word == "begin")
 
     def close(self) -> None:
@@ -117,7 +127,9 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
     assert good.returncode == 0, good.stdout
 
 
-def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: Robot, user: Client) -> None:
+def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(
+    robot: Robot, user: Client
+) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
@@ -132,7 +144,9 @@ def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: 
     assert robot.begun() == Counter([-1, 5])
 
 
-def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot, user: Client) -> None:
+def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(
+    robot: Robot, user: Client
+) -> None:
     step = user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
     robot.kill()
@@ -144,14 +158,21 @@ def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot
     assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
 
 
-def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(robot: Robot, user: Client) -> None:
+def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
+    robot: Robot, user: Client
+) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
-    until(lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended")
+    until(
+        lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended"
+    )
     run = recover(robot.central.journal, unfinished(robot.central.journal))
     run.central.handle(run.restarted(hold=False))
-    names = {connection.id: connection.module.name for connection in run.central.registry.connections.values()}
+    names = {
+        connection.id: connection.module.name
+        for connection in run.central.registry.connections.values()
+    }
     assert {names[lost.connection] for lost in run.gone()} == {"legs"}
 
 
@@ -182,7 +203,10 @@ def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     command = ["-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
-    with Process(*command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
+    with (
+        Process(*command) as first,
+        connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user,
+    ):
         epoch = user.status()["epoch"]
         first.kill()
         first.wait()
@@ -206,7 +230,9 @@ def broken_run(tmp_path: Path) -> Path:
     return robot.central.journal
 
 
-def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(broken_run: Path, tmp_path: Path) -> None:
+def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
+    broken_run: Path, tmp_path: Path
+) -> None:
     """The journal has more then; --resume facts puts that aside."""
     inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
@@ -226,7 +252,10 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     journal = broken_run / "00000001.tcaj"
     (broken_run / "00000001.tcai").write_bytes((broken_run / "00000001.tcai").read_bytes()[:-200])
     before = journal.read_bytes()
-    with pytest.raises(CentralError, match=r"the journal differs .* to which the inputs do not lead.*--resume facts"):
+    with pytest.raises(
+        CentralError,
+        match=r"the journal differs .* to which the inputs do not lead.*--resume facts",
+    ):
         recover(broken_run, unfinished(broken_run))
     assert journal.read_bytes() == before
     recover(broken_run, unfinished(broken_run), accept=True)
@@ -252,36 +281,51 @@ def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_a
         folder.open(server, Sync.BATCH)
         assert ".tcai" in on_disk
         lost = folder.central.tree.newest
-        asked = RequestReceived(server.now(), ConnectionId(b"new"), Hello(1, PROTOCOL_VERSION, "user", "run"))
+        asked = RequestReceived(
+            server.now(), ConnectionId(b"new"), Hello(1, PROTOCOL_VERSION, "user", "run")
+        )
         folder.central.handle(asked)
         point = Point(TaskId(lost), Moment.END_ACHIEVING)
         asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
         told = [one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)]
-        assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], "it may have been done"
+        assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], (
+            "it may have been done"
+        )
     finally:
         server.close()
         folder.close()
 
 
-def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(broken_run: Path) -> None:
+def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(
+    broken_run: Path,
+) -> None:
     same = tca("check", "--rerun", str(broken_run))
     assert same.returncode == 0, same.stderr
     assert re.fullmatch(
-        r"[\d,]+ inputs since the run began lead to the same [\d,]+ entries in this version\n", same.stdout
+        r"[\d,]+ inputs since the run began lead to the same [\d,]+ entries in this version\n",
+        same.stdout,
     )
     journal = broken_run / "00000001.tcaj"
     entries = list(open_log(broken_run))
-    changed = next(entry for entry in entries if any(isinstance(fact, facts.Returned) for fact in entry.facts))
+    changed = next(
+        entry for entry in entries if any(isinstance(fact, facts.Returned) for fact in entry.facts)
+    )
     changed.facts.append(facts.Ignored("user", "what never happened"))
     journal.write_bytes(b"".join(map(record, entries)))
     other = tca("check", "--rerun", str(broken_run))
     assert other.returncode == 1
     assert f"FIRST DIFFERENCE at {changed.time:.3f} s, entry {changed.number}" in other.stdout
-    assert "user: what never happened\n  this version's core gives\n    nothing more" in other.stdout
+    assert (
+        "user: what never happened\n  this version's core gives\n    nothing more" in other.stdout
+    )
 
 
-def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A central that is killed as soon as it has taken one, in coming back, has written what it did until then."""
+def test_the_journal_has_what_an_image_includes(
+    broken_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A central that is killed as soon as it has taken one, in coming back, has written what it did
+    until then.
+    """
     monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
     run = RunFolder(broken_run)
     server = Daemon(run.central, f"ipc://{broken_run.parent}/again.sock")
@@ -301,7 +345,9 @@ def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: p
 
 
 def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path) -> None:
-    """Also where the first turn finds that much is due. Else slots that wait for work would come back after 45 s."""
+    """Also where the first turn finds that much is due. Else slots that wait for work would come
+    back after 45 s.
+    """
     server = Daemon(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
     server._next_beat = 0.0
     serving = Thread(target=server.serve)
@@ -339,7 +385,9 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
     assert restarted.away == pytest.approx(min(max(jump, 0), time.monotonic()), abs=60)
 
 
-def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(robot: Robot, user: Client) -> None:
+def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
+    robot: Robot, user: Client
+) -> None:
     user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
@@ -355,7 +403,9 @@ def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(robot: Robot, u
 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
-def test_numbers_that_may_have_been_given_are_never_given_again(broken_run: Path, sync: Sync) -> None:
+def test_numbers_that_may_have_been_given_are_never_given_again(
+    broken_run: Path, sync: Sync
+) -> None:
     """Neither after inputs were lost that nobody had synced, nor after some were left out."""
     newest = []
     for _ in range(2):
@@ -369,7 +419,9 @@ def test_numbers_that_may_have_been_given_are_never_given_again(broken_run: Path
     assert newest[1] > newest[0] > 1_000_000
 
 
-def test_nothing_leaves_before_what_led_to_it_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_leaves_before_what_led_to_it_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A turn whose write fails lets no packet out."""
     folder = RunFolder(tmp_path / "journal")
     server = Daemon(folder.central, f"ipc://{tmp_path}/c.sock")
@@ -398,7 +450,9 @@ def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
         RunFolder(broken_run)
 
 
-def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(broken_run: Path) -> None:
+def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(
+    broken_run: Path,
+) -> None:
     inputs = broken_run / "00000001.tcai"
     whole = bytearray(inputs.read_bytes())
     whole[12] ^= 1

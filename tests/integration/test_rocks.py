@@ -1,4 +1,6 @@
-"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure 3), by the journal."""
+"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure
+3), by the journal.
+"""
 
 import subprocess
 import sys
@@ -44,23 +46,43 @@ class Walk(NamedTuple):
 
     @property
     def recoveries(self) -> dict[str, int]:
-        return Counter(task.name for task in self.history.tasks.values() if task.role is Role.EXCEPTION)
+        return Counter(
+            task.name for task in self.history.tasks.values() if task.role is Role.EXCEPTION
+        )
 
     def named(self, *names: str) -> list[Task]:
         return [task for task in self.history.tasks.values() if task.name in names]
 
 
 def walk(folder: Path, *options: str) -> Walk:
-    command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder / "walk"), "--pace", "0", "--arcs", "1"]
-    done = subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "robots.ambler_sim",
+        "--out",
+        str(folder / "walk"),
+        "--pace",
+        "0",
+        "--arcs",
+        "1",
+    ]
+    done = subprocess.run(
+        [*command, *options], cwd=ROOT, capture_output=True, text=True, timeout=150, check=False
+    )
     history = History.until(open_log(folder / "walk" / "journal"))
     return Walk(folder / "walk", done.stdout + done.stderr, done.returncode, history)
 
 
 def walk_with(
-    folder: Path, rock: str, metres: str = "2", backend: str = "kinematic", options: tuple[str, ...] = ()
+    folder: Path,
+    rock: str,
+    metres: str = "2",
+    backend: str = "kinematic",
+    options: tuple[str, ...] = (),
 ) -> Walk:
-    return walk(folder, "--backend", backend, "--distance", metres, "--rock", *rock.split(), *options)
+    return walk(
+        folder, "--backend", backend, "--distance", metres, "--rock", *rock.split(), *options
+    )
 
 
 Walks = Callable[[str], Walk]
@@ -90,7 +112,9 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Walk:
     """Fifteen metres of 30 % hills, on which each fault occurs."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
     folder = tmp_path_factory.mktemp("faults")
-    return walk(folder, "--backend", "kinematic", "--distance", "15", "--terrain", "hills", *options)
+    return walk(
+        folder, "--backend", "kinematic", "--distance", "15", "--terrain", "hills", *options
+    )
 
 
 def assert_walked(walk: Walk) -> None:
@@ -138,10 +162,15 @@ def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked
     assert done.recoveries.keys() >= {"raise leg", "replan move", "shuffle feet"}
     shuffled = done.named("shuffle feet")
     first, *moves = names_under(done, shuffled[0])
-    assert first in ("move body", "move leg")  # the body, if at all, goes first: to where any leg can be lifted
+    assert first in (
+        "move body",
+        "move leg",
+    )  # the body, if at all, goes first: to where any leg can be lifted
     assert set(moves) == {"move leg"}
     (arc,) = done.named("traverse arc")
-    assert len(arc.handlings) == 1 + len(shuffled)  # begun again each time, from the standard configuration
+    assert len(arc.handlings) == 1 + len(
+        shuffled
+    )  # begun again each time, from the standard configuration
 
 
 @pytest.mark.soak
@@ -167,7 +196,9 @@ def test_past_a_rock_too_each_move_is_checked(walked: Walks, rock: str) -> None:
     check_that_moves_are_checked(walked(rock).history)
 
 
-def test_a_stability_check_precedes_every_move_and_a_footfall_check_follows_each_of_a_leg(faulty: Walk) -> None:
+def test_a_stability_check_precedes_every_move_and_a_footfall_check_follows_each_of_a_leg(
+    faulty: Walk,
+) -> None:
     check_that_moves_are_checked(faulty.history)
 
 
@@ -201,7 +232,9 @@ def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> 
 
 @pytest.mark.soak
 def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
-    done = walk(tmp_path, "--backend", "kinematic", "--distance", "1", "--bare", "--rock", *LOW.split())
+    done = walk(
+        tmp_path, "--backend", "kinematic", "--distance", "1", "--bare", "--rock", *LOW.split()
+    )
     assert done.code == 1
     assert "terrain collision" in done.output
 
@@ -222,7 +255,9 @@ FAULTS = {
 
 
 def test_whatever_goes_wrong_the_robot_walks_on(faulty: Walk) -> None:
-    """Each fault is followed by its recovery, and what the run was is within the rules of task-level control."""
+    """Each fault is followed by its recovery, and what the run was is within the rules of
+    task-level control.
+    """
     assert_walked(faulty)
     assert {name for name in FAULTS.values() if name} <= faulty.recoveries.keys()
     assert "1 of 1 amplifier trip" in faulty.output

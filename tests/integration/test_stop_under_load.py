@@ -38,7 +38,11 @@ KILLS = 100
 
 @pytest.mark.soak
 def test_kills_and_locks_are_quick_in_a_flood(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, ExitStack() as programs, connect("user", daemon.address) as user:
+    with (
+        central(tmp_path) as daemon,
+        ExitStack() as programs,
+        connect("user", daemon.address) as user,
+    ):
         programs.enter_context(program(WORKS, daemon.address))
         user.wait_until_handled(WORK, timeout=SOON)
         for _ in range(3):

@@ -1,4 +1,6 @@
-"""Processes that stand still and are not dead: modules, which count as lost, and central, which blames nobody."""
+"""Processes that stand still and are not dead: modules, which count as lost, and central, which
+blames nobody.
+"""
 
 import os
 import signal
@@ -12,7 +14,18 @@ import zmq
 from module.real_central import until
 from processes import Central, central, program
 
-from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, Variable, connect
+from tca_module import (
+    CentralLost,
+    Command,
+    Module,
+    MultiQuery,
+    Outcome,
+    Query,
+    TaskFailed,
+    Timeout,
+    Variable,
+    connect,
+)
 from tca_wire.journal import facts
 from tca_wire.packets import codec, headers
 
@@ -114,7 +127,11 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             legs.terminate()
             late = f"the answer of task 1 'step' came too late: the module had been lost ({why})\n"
             assert legs.communicate()[1] == late
-        log = [line for line in daemon.stop().splitlines() if "refused" in line or "nothing done" in line]
+        log = [
+            line
+            for line in daemon.stop().splitlines()
+            if "refused" in line or "nothing done" in line
+        ]
         assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
         assert silent(daemon) == ["legs"]
 
@@ -145,9 +162,18 @@ def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path:
         with context, context.socket(zmq.DEALER) as early:
             early.linger = 0
             early.connect(daemon.address)
-            early.send(codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "early", "1", pulse=b"none"), b"")]))
-            until(lambda: {module.name for module in user.modules()} == {"user", "early"}, "it is there")
-            until(lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON)
+            early.send(
+                codec.pack(
+                    [(headers.Hello(1, headers.PROTOCOL_VERSION, "early", "1", pulse=b"none"), b"")]
+                )
+            )
+            until(
+                lambda: {module.name for module in user.modules()} == {"user", "early"},
+                "it is there",
+            )
+            until(
+                lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON
+            )
         daemon.stop()
         assert silent(daemon) == ["early"]
 
@@ -219,13 +245,18 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
 
 @pytest.mark.soak
 def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
-    """The kernel closes them only when the last process that has them ends; a child has no pulse."""
+    """The kernel closes them only when the last process that has them ends; a child has no
+    pulse.
+    """
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
             child = int(parent.stdout.readline())
             try:
                 parent.kill()
-                until(lambda: {module.name for module in user.modules()} == {"user"}, "the parent is lost")
+                until(
+                    lambda: {module.name for module in user.modules()} == {"user"},
+                    "the parent is lost",
+                )
             finally:
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
@@ -247,7 +278,9 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
             assert user.query(LOOK, timeout=SOON) == "clear"
         assert user.handlers(STEP) == []
         daemon.signal(signal.SIGSTOP)
-        with pytest.raises(Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'"):
+        with pytest.raises(
+            Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'"
+        ):
             user.wait_until_handled(LOOK, STEP, timeout=0.1)  # it knows these
         daemon.signal(signal.SIGCONT)
 
@@ -269,16 +302,21 @@ def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path
 REST, POSE = Command("rest"), Variable("pose", int)
 
 
-def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(tmp_path: Path) -> None:
+def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(
+    tmp_path: Path,
+) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=1.0) as user:
         user.set_variable(POSE, 1)
         user.command(REST).kill()
         daemon.signal(signal.SIGSTOP)
         with pytest.raises(
-            CentralLost, match="command 'rest' is killed as soon as central answers, if it had heard of"
+            CentralLost,
+            match="command 'rest' is killed as soon as central answers, if it had heard of",
         ):
             user.command(REST).wait()
-        with pytest.raises(CentralLost, match="setting variable 'pose' may yet be done, if central had heard of it"):
+        with pytest.raises(
+            CentralLost, match="setting variable 'pose' may yet be done, if central had heard of it"
+        ):
             user.set_variable(POSE, 2)
         daemon.signal(signal.SIGCONT)
         assert user.get_variable(POSE) == 2
@@ -289,4 +327,8 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(t
         assert wanted.wait(5) is Outcome.KILLED
         daemon.stop()
         killed = daemon.facts(facts.Killed)
-    assert [(fact.by, bool(fact.why)) for fact in killed] == [("user", False), ("user", True), ("user", False)]
+    assert [(fact.by, bool(fact.why)) for fact in killed] == [
+        ("user", False),
+        ("user", True),
+        ("user", False),
+    ]

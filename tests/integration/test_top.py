@@ -38,7 +38,10 @@ def top_in_terminal(address: str, *options: str) -> AbstractContextManager[Termi
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with central(tmp_path_factory.mktemp("top"), "--quiet") as daemon, program(ROBOT, daemon.address) as robot:
+    with (
+        central(tmp_path_factory.mktemp("top"), "--quiet") as daemon,
+        program(ROBOT, daemon.address) as robot,
+    ):
         robot.hear("ready")
         yield daemon.address
 
@@ -53,16 +56,25 @@ def test_a_screen_that_is_refreshed_until_q_is_pressed(address: str) -> None:
         assert screen.ends() == 0
 
 
-@pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 128 + signal.SIGTERM)])
-def test_an_interrupted_screen_leaves_the_terminal_as_it_was(address: str, end: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize(
+    ("end", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 128 + signal.SIGTERM)]
+)
+def test_an_interrupted_screen_leaves_the_terminal_as_it_was(
+    address: str, end: signal.Signals, code: int
+) -> None:
     with top_in_terminal(address) as screen:
         screen.shows("longest first")
         screen.process.send_signal(end)
         assert screen.ends() == code
 
 
-def test_a_central_that_goes_away_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    address, folders = f"ipc://{tmp_path}/central.sock", [tmp_path / name for name in ("one", "two")]
+def test_a_central_that_goes_away_and_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, folders = (
+        f"ipc://{tmp_path}/central.sock",
+        [tmp_path / name for name in ("one", "two")],
+    )
     monkeypatch.setenv("TCA_CENTRAL", address)
     with top_in_terminal("", "--every", "0.2") as screen:
         screen.shows(f"central at {address} is away: no answer for")
@@ -86,7 +98,9 @@ def test_one_frame_for_scripts(address: str) -> None:
     assert "\x1b" not in shown.stdout
 
 
-def test_wrong_usage_is_one_line(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_usage_is_one_line(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)
     for options, code, why in (
         (("--json",), 2, "ask for --once, too"),

@@ -20,15 +20,31 @@ ROOT = Path(__file__).parents[2]
 
 def walk(folder: Path, *options: str, timeout: float = 150.0) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False
+    )
 
 
-@pytest.fixture(scope="module", params=["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
-def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+@pytest.fixture(
+    scope="module", params=["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)]
+)
+def walked(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Path]:
     if request.param == "pybullet":
         pytest.importorskip("pybullet")
     folder = tmp_path_factory.mktemp(request.param) / "walk"
-    done = walk(folder, "--backend", request.param, "--distance", "5", "--pace", "15", "--between-arcs", "swap")
+    done = walk(
+        folder,
+        "--backend",
+        request.param,
+        "--distance",
+        "5",
+        "--pace",
+        "15",
+        "--between-arcs",
+        "swap",
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout, folder
 
@@ -42,10 +58,16 @@ def tasks(history: History, name: str) -> list[int]:
     return sorted(task.id for task in history.tasks.values() if task.name == name)
 
 
-def test_the_robot_walks_five_metres_and_says_where_the_pictures_are(walked: tuple[str, Path]) -> None:
+def test_the_robot_walks_five_metres_and_says_where_the_pictures_are(
+    walked: tuple[str, Path],
+) -> None:
     output, folder = walked
     assert "5.0 of 5.0 m" in output
-    for title, suffix in (("the robot", r"\.(png|svg)"), ("task tree", r"\.(svg|txt)"), ("Gantt chart", r"\.svg")):
+    for title, suffix in (
+        ("the robot", r"\.(png|svg)"),
+        ("task tree", r"\.(svg|txt)"),
+        ("Gantt chart", r"\.svg"),
+    ):
         written = re.search(rf"{title}\s+(\S+{suffix})", output)
         assert written, output
         assert Path(written[1]).stat().st_size > 1000
@@ -73,13 +95,25 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
         chain = steps_of(history, arc)
         assert len(chain) >= 4
         for now, following in pairwise(chain):
-            body = history.tasks[history.tasks[now].children[named(history, now).index("move body")]].reached
-            begun, planned = history.tasks[now].reached[Moment.START_ACHIEVING], history.tasks[following].reached
-            assert begun <= planned[Moment.START_HANDLING] < planned[Moment.END_HANDLING] < body[Moment.END_HANDLING]
+            body = history.tasks[
+                history.tasks[now].children[named(history, now).index("move body")]
+            ].reached
+            begun, planned = (
+                history.tasks[now].reached[Moment.START_ACHIEVING],
+                history.tasks[following].reached,
+            )
+            assert (
+                begun
+                <= planned[Moment.START_HANDLING]
+                < planned[Moment.END_HANDLING]
+                < body[Moment.END_HANDLING]
+            )
 
 
 def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, Path]) -> None:
-    """``tca check`` on real processes' journal, in which a module was replaced while they walked."""
+    """``tca check`` on real processes' journal, in which a module was replaced while they
+    walked.
+    """
     wanted = [
         "at most 1 planned ahead of take steps",
         "at most 2 handled by controller",
@@ -89,7 +123,9 @@ def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, 
     options = [option for text in wanted for option in ("--property", text)]
     found = CliRunner().invoke(check, [str(walked[1] / "journal"), *options])
     assert found.exit_code == 0, found.output
-    broken = CliRunner().invoke(check, [str(walked[1] / "journal"), "--property", "never planned ahead of take steps"])
+    broken = CliRunner().invoke(
+        check, [str(walked[1] / "journal"), "--property", "never planned ahead of take steps"]
+    )
     assert broken.exit_code == 1
     assert "the story of take steps {" in broken.output
 
@@ -105,14 +141,20 @@ def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
     assert "the controller ended (0); another starts" in walked[0]
     first, second = history.modules["controller"].joined
     assert first[1] is not None
-    moved = [history.tasks[task].reached[Moment.START_HANDLING] for task in tasks(history, "move leg")]
+    moved = [
+        history.tasks[task].reached[Moment.START_HANDLING] for task in tasks(history, "move leg")
+    ]
     assert min(moved) < first[1] < second[0] < max(moved)
 
 
 def steps_of(history: History, arc: int) -> list[int]:
     """The take-steps tasks of an arc, outermost first."""
     chain = [arc]
-    while below := [child for child in history.tasks[chain[-1]].children if history.tasks[child].name == "take steps"]:
+    while below := [
+        child
+        for child in history.tasks[chain[-1]].children
+        if history.tasks[child].name == "take steps"
+    ]:
         chain += below
     return chain[1:]
 

@@ -1,4 +1,6 @@
-"""``tca cancel``, ``update`` and ``watch``: what people ask of a running task, and what they hear of its state."""
+"""``tca cancel``, ``update`` and ``watch``: what people ask of a running task, and what they hear
+of its state.
+"""
 
 import json
 import threading
@@ -29,7 +31,12 @@ from tca_tools.live import shared, states
 from tca_tools.live.states import cancel, update, watch
 
 PAUSABLE = LifeCycle(
-    "pausable", [*GENERAL.transitions, Transition("pause", "running", "paused", Party.CLIENT), *ending("paused")]
+    "pausable",
+    [
+        *GENERAL.transitions,
+        Transition("pause", "running", "paused", Party.CLIENT),
+        *ending("paused"),
+    ],
 )
 
 
@@ -56,7 +63,9 @@ def test_what_others_have_declared_can_be_sent_with_its_progress_and_states() ->
 def central(monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
     """That of the commands, too."""
     with LocalCentral() as local:
-        monkeypatch.setattr(shared, "connect", lambda name, _, patience: connect(name, local, patience=patience))
+        monkeypatch.setattr(
+            shared, "connect", lambda name, _, patience: connect(name, local, patience=patience)
+        )
         yield local
 
 
@@ -94,7 +103,11 @@ def arm(central: LocalCentral) -> Iterator[None]:
         (WALK, 0, "walk {1}: told to end; it does when the handlers that run have returned"),
         (STAND, 1, "stand {1} goes on: the handler of 'stand' takes no 'cancel'"),
         (LATER, 0, "later {1}: cancelled"),
-        (DRIFT, 1, "drift {1} is 'running', and life cycle 'basic' has no cancel from there: 'tca kill 1' ends it"),
+        (
+            DRIFT,
+            1,
+            "drift {1} is 'running', and life cycle 'basic' has no cancel from there: 'tca kill 1' ends it",
+        ),
     ],
     ids=lambda one: getattr(one, "name", ""),
 )
@@ -112,7 +125,9 @@ def test_what_becomes_of_a_cancel(
         task = user.execute(message)
         while message is not LATER and not (info := task.info()).module:  # type: ignore[union-attr]
             assert info is not None
-        assert tca(cancel, message.name) == ((0, f"{said}\n", "") if code == 0 else (1, "", f"{said}\n"))
+        assert tca(cancel, message.name) == (
+            (0, f"{said}\n", "") if code == 0 else (1, "", f"{said}\n")
+        )
         is_told.set()
         task.kill()
 
@@ -126,9 +141,19 @@ def sent(arm: None, user: Client) -> SentTask[float]:
 
 def test_a_task_gets_a_new_goal_and_is_cancelled(sent: SentTask[float]) -> None:
     assert tca(update, "grasp", "width=0.05") == (0, f"{sent}: has the new goal\n", "")
-    assert tca(update, "grasp", "width=0.001")[::2] == (1, f"the update of {sent} was rejected: it would break\n")
-    assert tca(update, "grasp", "width=0.04", "--no-wait")[:2] == (0, f"{sent}: the new goal is asked for\n")
-    assert tca(cancel, "grasp", "--why", "it slips") == (0, f"{sent}: cancel requested; its handler decides\n", "")
+    assert tca(update, "grasp", "width=0.001")[::2] == (
+        1,
+        f"the update of {sent} was rejected: it would break\n",
+    )
+    assert tca(update, "grasp", "width=0.04", "--no-wait")[:2] == (
+        0,
+        f"{sent}: the new goal is asked for\n",
+    )
+    assert tca(cancel, "grasp", "--why", "it slips") == (
+        0,
+        f"{sent}: cancel requested; its handler decides\n",
+        "",
+    )
     assert sent.wait(SOON) is Outcome.KILLED
 
 
@@ -175,7 +200,9 @@ def test_a_task_is_watched_until_its_end(central: LocalCentral, sent: SentTask[f
     ]
 
 
-def test_what_is_under_a_task_is_watched_until_that_ends(central: LocalCentral, user: Client) -> None:
+def test_what_is_under_a_task_is_watched_until_that_ends(
+    central: LocalCentral, user: Client
+) -> None:
     legs, feet, number = Module("legs", central), Module("feet", central), user.execute(DRIFT).id
     legs.handles(DRIFT)(lambda task: task.sleep(SOON))
     feet.handles(WALK)(lambda task: task.report())
@@ -198,7 +225,12 @@ def test_what_is_under_a_task_is_watched_until_that_ends(central: LocalCentral, 
         walking.join(SOON)
     (row,) = map(json.loads, text.splitlines())
     assert code == 0
-    assert (row["task"], row["message"], row["state"], row["serial"]) == (number + 1, "walk", "done", 3)
+    assert (row["task"], row["message"], row["state"], row["serial"]) == (
+        number + 1,
+        "walk",
+        "done",
+        3,
+    )
     assert (row["transition"], row["by"], row["is_over"]) == ("completed", "server", True)
 
 
@@ -224,4 +256,8 @@ def test_whoever_watches_ends_that_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(states, "_changes", interrupted)
     code, text, error = tca(watch)
-    assert (code, text.split("  ", 1)[1], error) == (0, 'grasp {1}  running  so far: {"width": 0.1}\n', "")
+    assert (code, text.split("  ", 1)[1], error) == (
+        0,
+        'grasp {1}  running  so far: {"width": 0.1}\n',
+        "",
+    )

@@ -28,9 +28,26 @@ def plain(waiter: Waiter) -> dict[str, Any]:
     return found
 
 
-def resource(name: str = "legs", delivered: int = 10, busy: float = 4.0, **more: Any) -> dict[str, Any]:
-    plain = {"capacity": 2, "handling": [], "blocked": 0, "waiting": 0, "oldest": 0.0, "held_by": "", "claims": 0}
-    return {"resource": name, "delivered": delivered, "busy": busy, "is_reserved": False, **plain, **more}
+def resource(
+    name: str = "legs", delivered: int = 10, busy: float = 4.0, **more: Any
+) -> dict[str, Any]:
+    plain = {
+        "capacity": 2,
+        "handling": [],
+        "blocked": 0,
+        "waiting": 0,
+        "oldest": 0.0,
+        "held_by": "",
+        "claims": 0,
+    }
+    return {
+        "resource": name,
+        "delivered": delivered,
+        "busy": busy,
+        "is_reserved": False,
+        **plain,
+        **more,
+    }
 
 
 def message(name: str, delivered: int, **more: Any) -> dict[str, Any]:
@@ -45,19 +62,32 @@ def message(name: str, delivered: int, **more: Any) -> dict[str, Any]:
     }
 
 
-def answer(time: float, *resources: dict[str, Any], epoch: str = "one", **more: Any) -> dict[str, Any]:
-    modules = [{"module": "legs", "process": "here:1", "resources": list(resources)},
-               {"module": "tca top", "process": "here:2", "resources": []}]  # fmt: skip
+def answer(
+    time: float, *resources: dict[str, Any], epoch: str = "one", **more: Any
+) -> dict[str, Any]:
+    modules = [
+        {"module": "legs", "process": "here:1", "resources": list(resources)},
+        {"module": "tca top", "process": "here:2", "resources": []},
+    ]
     lists: dict[str, Any] = {"messages": [], "waits": [], "held": [], "suspended": [], **more}
     totals = {kind: len(lists[kind]) for kind in ("waits", "held", "suspended")}
-    numbers = {"epoch": epoch, "time": time, "events": int(time * 10), "tasks": 3, "looked_at": 3, "overloads": 0}
+    numbers = {
+        "epoch": epoch,
+        "time": time,
+        "events": int(time * 10),
+        "tasks": 3,
+        "looked_at": 3,
+        "overloads": 0,
+    }
     memory = {"messages": (5 << 20, 256 << 20), "answers": (0, 64 << 20)}
     return {"modules": modules, "totals": totals, "memory": memory, **numbers, **lists}
 
 
 def shown(text_of: Any, width: int = 100) -> str:
     file = io.StringIO()
-    Console(file=file, width=width, markup=False, highlight=False, legacy_windows=False).print(text_of)
+    Console(file=file, width=width, markup=False, highlight=False, legacy_windows=False).print(
+        text_of
+    )
     return file.getvalue()
 
 
@@ -70,7 +100,12 @@ def test_rates_are_of_the_time_between_two_answers() -> None:
     assert (legs.rate, legs.busy) == (3.0, 0.5)  # 2 s in two slots over 2 s
     assert told.messages[0].rate == 3.0
     first = frame(before)  # of the whole run
-    assert (first.span, first.resources[0].rate, first.resources[0].busy, first.messages[0].rate) == (
+    assert (
+        first.span,
+        first.resources[0].rate,
+        first.resources[0].busy,
+        first.messages[0].rate,
+    ) == (
         10.0,
         1.0,
         0.2,
@@ -88,7 +123,9 @@ def test_after_a_restart_of_central_or_of_a_module_counting_begins_anew() -> Non
 
 def test_the_liveliest_messages_come_first() -> None:
     before = answer(10.0, messages=[message("once", 500), message("often", 0), message("stuck", 0)])
-    now = answer(11.0, messages=[message("once", 500), message("often", 7), message("stuck", 0, waiting=2)])
+    now = answer(
+        11.0, messages=[message("once", 500), message("often", 7), message("stuck", 0, waiting=2)]
+    )
     assert [line.message for line in frame(now, before).messages] == ["often", "stuck", "once"]
 
 
@@ -98,18 +135,48 @@ def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
 
 
 def suspended_for_long() -> list[dict[str, Any]]:
-    return [plain(Waiter(213, "mop floor", seconds=40.0, waits=(WaitFor(WaitKind.RESUME, module="operator panel"),)))]
+    return [
+        plain(
+            Waiter(
+                213,
+                "mop floor",
+                seconds=40.0,
+                waits=(WaitFor(WaitKind.RESUME, module="operator panel"),),
+            )
+        )
+    ]
 
 
-TROUBLE: dict[str, dict[str, Any]] = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
-SECONDS = {"idle": 0, "slow": 0, "quick": 0, "torch": 0, "sink": 0, "oven": 20, "stove": 40, "knife": 8, "table": 0}
+TROUBLE: dict[str, dict[str, Any]] = {
+    "torch": {"waiting": 1, "oldest": 9.0},
+    "table": {"held_by": "waiter"},
+}
+SECONDS = {
+    "idle": 0,
+    "slow": 0,
+    "quick": 0,
+    "torch": 0,
+    "sink": 0,
+    "oven": 20,
+    "stove": 40,
+    "knife": 8,
+    "table": 0,
+}
 KITCHEN = [resource(name, busy=busy, **TROUBLE.get(name, {})) for name, busy in SECONDS.items()]
 BUSY = resource(
-    waiting=4, oldest=12.0, held_by="eyes", handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}]
+    waiting=4,
+    oldest=12.0,
+    held_by="eyes",
+    handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}],
 )
-BLOCKED: dict[str, Any] = {"blocked": 1, "handling": [{"id": 8, "message": "look", "seconds": 90.0}]}
+BLOCKED: dict[str, Any] = {
+    "blocked": 1,
+    "handling": [{"id": 8, "message": "look", "seconds": 90.0}],
+}
 CANCELLED = {"id": 7, "message": "move leg", "state": "cancel requested", "seconds": 0.5}
-MOVES = plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))
+MOVES = plain(
+    Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),))
+)
 WALK = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
 STEPS = [message(f"step {number}", number) for number in range(60)]
 SCREENS: dict[str, tuple[dict[str, Any], int, int | None]] = {
@@ -138,7 +205,9 @@ SCREENS: dict[str, tuple[dict[str, Any], int, int | None]] = {
 def test_screens(approve: Callable[..., None]) -> None:
     def tell(name: str) -> str:
         told, width, height = SCREENS[name]
-        lines = shown(screen(frame(told, hidden="tca top"), "ipc:///here", "", height), width).splitlines()
+        lines = shown(
+            screen(frame(told, hidden="tca top"), "ipc:///here", "", height), width
+        ).splitlines()
         assert len(lines) <= (height or 100)
         return indent("\n".join(line.rstrip() for line in lines), "    ").strip()
 
@@ -151,7 +220,9 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
     told = frame(answer(20.0, *many, messages=messages, waits=waiting(50), held=waiting(50)))
-    lines = shown(screen(told, "ipc:///here", "no answer for 3 s, trying again", height), width).splitlines()
+    lines = shown(
+        screen(told, "ipc:///here", "no answer for 3 s, trying again", height), width
+    ).splitlines()
     assert len(lines) <= height
     assert all(len(line) <= width for line in lines)
     assert sum("and" in line and "more" in line for line in lines) == cut
@@ -172,17 +243,28 @@ def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
 
 def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
     told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
-    assert "... and no more among the 10000 oldest tasks\n" in shown(screen(told, "ipc:///here", ""))
+    assert "... and no more among the 10000 oldest tasks\n" in shown(
+        screen(told, "ipc:///here", "")
+    )
     assert (told.not_looked_at, told.is_cut) == (2000, True)
 
 
 def test_the_fullest_part_of_the_memory_is_shown_and_what_was_refused() -> None:
     told = answer(20.0)
     assert frame(told).memory == "memory 5 MiB"
-    told |= {"memory": {"messages": (200 << 20, 256 << 20), "answers": (40 << 20, 64 << 20)}, "overloads": 1200}
-    assert frame(told).memory == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"
+    told |= {
+        "memory": {"messages": (200 << 20, 256 << 20), "answers": (40 << 20, 64 << 20)},
+        "overloads": 1200,
+    }
+    assert (
+        frame(told).memory
+        == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"
+    )
 
 
 def test_json_for_programs_has_no_nan() -> None:
     told = as_json({"x": [math.nan, -math.inf, 1.5], math.inf: {"deep": (math.nan,)}})
-    assert json.loads(told, parse_constant=pytest.fail) == {"x": ["nan", "-inf", 1.5], "inf": {"deep": ["nan"]}}
+    assert json.loads(told, parse_constant=pytest.fail) == {
+        "x": ["nan", "-inf", 1.5],
+        "inf": {"deep": ["nan"]},
+    }

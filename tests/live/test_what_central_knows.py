@@ -54,14 +54,20 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         assert "temperature {1} for a module that handles temperature" in lines
         assert f"rest {{{first.id + 1}}} until rest {{{first.id}}} is planned" in lines, text
         assert "1 held task waits in the end for a module that handles rest" in lines
-        assert f"move leg {{{first.id + 3}}} for legs, busy with move leg {{{first.id + 2}}}" in lines
+        assert (
+            f"move leg {{{first.id + 3}}} for legs, busy with move leg {{{first.id + 2}}}" in lines
+        )
         code, text = ask(commands.status, "--central", central, "--json")
         told = json.loads(text)["waiting"][0]
         assert told.pop("seconds") > 0
         assert told == {
-            "what": "temperature {1}", "for": "for a module that handles temperature", "state": "waits",
-            "number": 1, "name": "temperature", "waits": [{"kind": "handler", "name": "temperature"}],
-        }  # fmt: skip
+            "what": "temperature {1}",
+            "for": "for a module that handles temperature",
+            "state": "waits",
+            "number": 1,
+            "name": "temperature",
+            "waits": [{"kind": "handler", "name": "temperature"}],
+        }
         go.set()
 
 
@@ -110,7 +116,10 @@ def test_status_says_who_waits_for_a_handler(central: str) -> None:
         user.wait_until_handled(timeout=SOON)
         while not any(message["awaited_by"] for message in user.status("messages")):
             user.status()
-        lines = [" ".join(line.split()) for line in ask(commands.status, "--central", central)[1].splitlines()]
+        lines = [
+            " ".join(line.split())
+            for line in ask(commands.status, "--central", central)[1].splitlines()
+        ]
         assert "module planner for a module that handles temperature and stance" in lines
     planner.stop()
     starting.join(SOON)
@@ -126,7 +135,15 @@ def test_modules_and_messages(central: str) -> None:
         user.status()
         code, text = ask(commands.modules, "--central", central)
         heads, first, second = text.splitlines()
-        assert heads.split() == ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+        assert heads.split() == [
+            "module",
+            "process",
+            "resource",
+            "capacity",
+            "handling",
+            "waiting",
+            "handles",
+        ]
         assert {first.split()[0], second.split()[0]} == {"legs", "user"}
         assert "legs      1         -                  move leg" in text
         code, text = ask(commands.messages, "--central", central)
@@ -136,7 +153,10 @@ def test_modules_and_messages(central: str) -> None:
             "move leg     command  legs\n"
             "temperature  query    nobody      1\n"
         )
-        names = [module["module"] for module in json.loads(ask(commands.modules, "--central", central, "--json")[1])]
+        names = [
+            module["module"]
+            for module in json.loads(ask(commands.modules, "--central", central, "--json")[1])
+        ]
         assert sorted(names) == ["legs", "user"]
 
 
@@ -167,7 +187,9 @@ def test_values_that_json_cannot_say(central: str) -> None:
         assert [variable["value"] for variable in data] == ["AA==", "2024-02-03T00:00:00Z"]
 
 
-def test_without_central_the_answer_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_central_the_answer_is_one_line(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)
     code, text = ask(commands.status, "--central", address)
     assert code == 1

@@ -4,7 +4,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tca_behaviours.missions import Environment, OnceTask, PeriodicTask, Status, TaskEnd, TaskServer, parameter
+from tca_behaviours.missions import (
+    Environment,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskEnd,
+    TaskServer,
+    parameter,
+)
 from tca_module import Client, SentTask, connect
 from tca_module.testing import LocalCentral
 
@@ -85,7 +93,9 @@ class Brake(PeriodicTask[Gripper]):
 class Robot:
     """A gripper with its server, and a user of it."""
 
-    def __init__(self, central: LocalCentral, user: Client, server: TaskServer, gripper: Gripper) -> None:
+    def __init__(
+        self, central: LocalCentral, user: Client, server: TaskServer, gripper: Gripper
+    ) -> None:
         self.central = central
         self.user = user
         self.server = server
@@ -94,7 +104,9 @@ class Robot:
     def send(self, task: str, **parameters: Any) -> SentTask[TaskEnd]:
         """Start a task."""
         definition = self.server.definitions[task]
-        return self.user.command(definition.message, definition.parameters(**parameters), sequential=False)
+        return self.user.command(
+            definition.message, definition.parameters(**parameters), sequential=False
+        )
 
     def after(self, seconds: float) -> list[str]:
         """What is written down until then."""

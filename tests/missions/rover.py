@@ -5,7 +5,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskServer,
+    parameter,
+)
 from tca_module import Failure
 from tca_module.testing import LocalCentral
 
@@ -86,5 +94,8 @@ def rover() -> Iterator[tuple[LocalCentral, Rover]]:
 @contextmanager
 def mission_of_rover() -> Iterator[tuple[Mission, Rover]]:
     """... and a mission."""
-    with rover() as (central, environment), Mission("rover", name="test", central=central) as mission:
+    with (
+        rover() as (central, environment),
+        Mission("rover", name="test", central=central) as mission,
+    ):
         yield mission, environment

@@ -1,4 +1,6 @@
-"""While a task runs: followers hear its text and its overruns, and clients change its parameters."""
+"""While a task runs: followers hear its text and its overruns, and clients change its
+parameters.
+"""
 
 import pytest
 from integration.commanded import tca
@@ -167,7 +169,9 @@ class Fill(PeriodicTask[Environment]):
 
 def test_an_update_by_hand_needs_only_what_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     with LocalCentral() as central, connect("user", central) as user:
-        monkeypatch.setattr(shared, "connect", lambda name, _, patience: connect(name, central, patience=patience))
+        monkeypatch.setattr(
+            shared, "connect", lambda name, _, patience: connect(name, central, patience=patience)
+        )
         with TaskServer("bar", Environment(), [Fill], rate=100.0, central=central).running():
             sent = user.command(user.declared("bar.Fill"), {"glass": "tall"})
             until(lambda: bool((info := sent.info()) and info.module), "it runs")

@@ -14,7 +14,11 @@ from tca_behaviours.missions import Mission, TaskServer
 from tca_behaviours.missions.console.command import console
 from tca_behaviours.missions.console.names import ConsoleNames
 
-CONSOLE = [sys.executable, "-c", "from tca_behaviours.missions.console.command import console; console()"]
+CONSOLE = [
+    sys.executable,
+    "-c",
+    "from tca_behaviours.missions.console.command import console; console()",
+]
 
 
 @pytest.mark.slow
@@ -22,7 +26,10 @@ def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         robot = Rover()
         server = TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address)
-        with server.running(), terminal(CONSOLE, TCA_CENTRAL=central.address, IPYTHONDIR=str(tmp_path)) as screen:
+        with (
+            server.running(),
+            terminal(CONSOLE, TCA_CENTRAL=central.address, IPYTHONDIR=str(tmp_path)) as screen,
+        ):
             screen.shows("Drive  Drive to a place.")
             screen.shows(r"In \[1\]:")
             screen.type(b"Drive(x=2.0)\r")
@@ -68,8 +75,9 @@ def test_what_can_be_typed() -> None:
             typed.names["Drive"](fails="rock")
         typed.status()
         assert [line.partition("{")[0] + line.partition("}")[2] for line in said] == [
-            "Watch()  runs", "Drive  failed: hit a rock",
-        ]  # fmt: skip
+            "Watch()  runs",
+            "Drive  failed: hit a rock",
+        ]
         robot.arrived.set()
         typed.help()
         assert "Ctrl-D leaves" in said[-1]
@@ -85,7 +93,10 @@ def without_ipython(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_ipython_it_says_what_to_install() -> None:
     result = CliRunner().invoke(console, [])
     assert result.exit_code == 1
-    assert "tca console needs the Python package 'ipython': pip install 'tca-central[console]'" in result.output
+    assert (
+        "tca console needs the Python package 'ipython': pip install 'tca-central[console]'"
+        in result.output
+    )
 
 
 def test_the_stub_file_is_written_and_nothing_else_is_overwritten(tmp_path: Path) -> None:
@@ -93,11 +104,17 @@ def test_the_stub_file_is_written_and_nothing_else_is_overwritten(tmp_path: Path
         with TaskServer("rover", Rover(), tasks=TASKS, central=central.address).running():
             words = ["rover", "--central", central.address, "--stub"]
             for _ in range(2):
-                assert CliRunner().invoke(console, [*words, f"{tmp_path}/rover_tasks.py"]).exit_code == 0
+                assert (
+                    CliRunner().invoke(console, [*words, f"{tmp_path}/rover_tasks.py"]).exit_code
+                    == 0
+                )
             (tmp_path / "mine.py").write_text("precious")
             refused = CliRunner().invoke(console, [*words, f"{tmp_path}/mine.py"])
             assert refused.exit_code == 2
             assert "was not made by --stub" in refused.output
-            assert CliRunner().invoke(console, ["rovr", *words[1:], f"{tmp_path}/mine.py"]).exit_code == 1
+            assert (
+                CliRunner().invoke(console, ["rovr", *words[1:], f"{tmp_path}/mine.py"]).exit_code
+                == 1
+            )
     assert "class RoverMission(Base)" in (tmp_path / "rover_tasks.py").read_text()
     assert (tmp_path / "mine.py").read_text() == "precious"

@@ -46,9 +46,10 @@ def test_who_holds_the_lock(task: type[Look | LookOnce], in_iterate: bool) -> No
     with serving(task) as robot:
         robot.send(task.__name__)
         assert robot.after(0) == [
-            f"0.00 {task.__name__} initialise True", f"0.00 {task.__name__} iterate {in_iterate}",
+            f"0.00 {task.__name__} initialise True",
+            f"0.00 {task.__name__} iterate {in_iterate}",
             f"0.00 {task.__name__} terminate True",
-        ]  # fmt: skip
+        ]
 
 
 def test_a_long_wait_for_the_environment_is_logged(
@@ -63,7 +64,10 @@ def test_a_long_wait_for_the_environment_is_logged(
                 pass
         robot.after(0)
         assert sent.result()
-    assert "initialise() of gripper.Look {1} waits for env.lock, which another task holds" in caplog.text
+    assert (
+        "initialise() of gripper.Look {1} waits for env.lock, which another task holds"
+        in caplog.text
+    )
 
 
 class Sensing(Gripper):

@@ -1,4 +1,6 @@
-"""Tasks are found in a folder and in installed packages; one that can't be offered never stops the others."""
+"""Tasks are found in a folder and in installed packages; one that can't be offered never stops the
+others.
+"""
 
 import logging
 from importlib.metadata import EntryPoint
@@ -66,7 +68,10 @@ def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None
             "the tasks of {file} are left out: ModuleNotFoundError: No module named 'nowhere",
         ),
         ("raise SystemExit(3)", "the tasks of {file} are left out: SystemExit: 3"),
-        (WAVE, "{file} is left out: task Wave is defined in {folder}/wave.py already: rename one of the two"),
+        (
+            WAVE,
+            "{file} is left out: task Wave is defined in {folder}/wave.py already: rename one of the two",
+        ),
         (
             WAVE.replace("Wave", "Nod").replace("iterate", "go"),
             "{file} is left out: task Nod has no iterate(): define it",
@@ -114,11 +119,14 @@ def test_installed_packages_offer_tasks_for_their_environment(
         EntryPoint("no task", "missions.gripper:serving", group),
         EntryPoint("again", "missions.gripper:Turn", group),
     ]
-    monkeypatch.setattr(finding, "entry_points", lambda group: [one for one in entries if one.group == group])
+    monkeypatch.setattr(
+        finding, "entry_points", lambda group: [one for one in entries if one.group == group]
+    )
     assert offered(Turn) == ["Turn", "Grasp"]
     assert [record.getMessage().partition(":")[0] for record in caplog.records] == [
-        "entry point 'lost' (missions.gripper", "entry point 'no task' (missions.gripper",
-    ]  # fmt: skip
+        "entry point 'lost' (missions.gripper",
+        "entry point 'no task' (missions.gripper",
+    ]
 
 
 class Bare(PeriodicTask[Gripper]):
@@ -140,10 +148,16 @@ class Needy(Turn):
     [
         ((Gripper,), "is no task: give a class that inherits from PeriodicTask or OnceTask"),
         ((Bare,), "task Bare has no iterate(): define it"),
-        ((Coroutine,), "task Coroutine: iterate() can't be 'async def': it runs in a thread of its own"),
+        (
+            (Coroutine,),
+            "task Coroutine: iterate() can't be 'async def': it runs in a thread of its own",
+        ),
         ((Needy,), "task Needy needs arguments to be made: prepare in initialise() instead"),
         ((Drive,), "task Drive wants a Wheels as environment, and the server's is a Gripper"),
-        ((Turn, type("Turn", (Grasp,), {})), "task Turn is defined in tasks= already: rename one of the two"),
+        (
+            (Turn, type("Turn", (Grasp,), {})),
+            "task Turn is defined in tasks= already: rename one of the two",
+        ),
     ],
 )
 def test_a_task_that_the_program_itself_gives_must_be_one(tasks: Any, says: str) -> None:
@@ -172,6 +186,7 @@ def test_the_idle_task_is_offered_too() -> None:
 
 def test_an_environment_that_is_none() -> None:
     with pytest.raises(
-        MisuseError, match="environment must be an object of a class that inherits from Environment, not 3"
+        MisuseError,
+        match="environment must be an object of a class that inherits from Environment, not 3",
     ):
         TaskServer("gripper", 3)  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""Foreground and background: the newest takes the place of the one before, and the idle task that of nobody."""
+"""Foreground and background: the newest takes the place of the one before, and the idle task that
+of nobody.
+"""
 
 import logging
 import threading
@@ -26,8 +28,12 @@ def test_the_newest_waits_until_the_one_before_has_terminated() -> None:
         robot.after(1)
         turn = robot.send("Turn", steps=1)
         assert robot.after(5) == [
-            "1.00 Brake brakes", "2.00 Brake stands", "2.00 Turn initialises", "2.00 Turn step 1", "2.00 Turn terminates",
-        ]  # fmt: skip
+            "1.00 Brake brakes",
+            "2.00 Brake stands",
+            "2.00 Turn initialises",
+            "2.00 Turn step 1",
+            "2.00 Turn terminates",
+        ]
         assert (outcome(brake), outcome(turn)) == (Outcome.KILLED, Outcome.DONE)
         with pytest.raises(TaskKilled, match=r"gripper.Turn \{2\} took its place"):
             brake.result()
@@ -41,8 +47,11 @@ def test_of_those_that_wait_the_newest_counts() -> None:
         robot.after(0.5)
         robot.send("Grasp", force=1)
         assert robot.after(5) == [
-             "2.00 Brake stands", "2.00 Grasp closes", "3.00 Grasp has closed", "3.00 Grasp terminates",
-        ]  # fmt: skip
+            "2.00 Brake stands",
+            "2.00 Grasp closes",
+            "3.00 Grasp has closed",
+            "3.00 Grasp terminates",
+        ]
         assert outcome(turn) is Outcome.KILLED
 
 
@@ -111,7 +120,8 @@ def test_the_background_leaves_room_for_the_foreground() -> None:
         robot.after(0.5)
         assert outcome(turn) is Outcome.DONE
         with pytest.raises(
-            TaskFailed, match="1 tasks run in the background already: give the server a larger capacity="
+            TaskFailed,
+            match="1 tasks run in the background already: give the server a larger capacity=",
         ):
             more.result()
 

@@ -1,4 +1,6 @@
-"""Tasks whose iterate() does not return: the server and the mission say so, and Ctrl-C gets away."""
+"""Tasks whose iterate() does not return: the server and the mission say so, and Ctrl-C gets
+away.
+"""
 
 import logging
 import threading
@@ -10,7 +12,15 @@ from missions.gripper import Gripper, serving
 from module.real_central import until
 
 import tca_behaviours.missions.client.stopping as stopping_module
-from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, Timeout
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskServer,
+    Timeout,
+)
 from tca_module.testing import LocalCentral
 
 
@@ -71,8 +81,13 @@ def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture)
     caplog.set_level(logging.WARNING, "tca")
 
 
-def test_a_mission_says_once_that_it_waits_for_a_task_that_was_stopped(caplog: pytest.LogCaptureFixture) -> None:
-    with stuck() as (central, environment), Mission("stuck", name="trip", central=central) as mission:
+def test_a_mission_says_once_that_it_waits_for_a_task_that_was_stopped(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with (
+        stuck() as (central, environment),
+        Mission("stuck", name="trip", central=central) as mission,
+    ):
         task = mission.start("Hang")
         assert environment.hangs.wait(10)
         task.stop()
@@ -95,7 +110,9 @@ def test_the_server_says_once_that_iterate_does_not_return(
         until(said, "it is said")
         environment.may_return.set()
         mission.first_ended([handle])
-        assert said() == [f"stuck.{handle}: task_timeout of 0.01 s has passed and iterate() has not returned"]
+        assert said() == [
+            f"stuck.{handle}: task_timeout of 0.01 s has passed and iterate() has not returned"
+        ]
 
 
 class CtrlC:
@@ -120,7 +137,10 @@ def test_ctrl_c_waits_once_for_a_task_that_hangs(
 ) -> None:
     monkeypatch.setattr(stopping_module, "_STOPS_WITHIN", 0.1)
     with stuck() as (central, environment):
-        with pytest.raises(KeyboardInterrupt), Mission("stuck", name="trip", central=central) as mission:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            Mission("stuck", name="trip", central=central) as mission,
+        ):
             hang_until_interrupted(mission, environment)
         waits, in_vain, ends = warnings(caplog)
     assert waits.endswith("which was stopped and does not return")
@@ -139,7 +159,10 @@ def test_a_second_ctrl_c_ends_the_mission_at_once(
 
     monkeypatch.setattr(stopping_module, "wait_for_any", press)
     with stuck() as (central, environment):
-        with pytest.raises(KeyboardInterrupt), Mission("stuck", name="trip", central=central) as mission:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            Mission("stuck", name="trip", central=central) as mission,
+        ):
             hang_until_interrupted(mission, environment)
         (ends,) = warnings(caplog)
     assert len(waits) == 1
@@ -148,7 +171,10 @@ def test_a_second_ctrl_c_ends_the_mission_at_once(
 
 def test_a_task_that_does_not_stop_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping_module, "_STOPS_WITHIN", 0.1)
-    with stuck() as (central, environment), Mission("stuck", name="trip", central=central) as mission:
+    with (
+        stuck() as (central, environment),
+        Mission("stuck", name="trip", central=central) as mission,
+    ):
         task = mission.start("Hang")
         assert environment.hangs.wait(10)
         for _ in range(2):

@@ -1,4 +1,6 @@
-"""What becomes of runs when central was restarted, when their server ends, or when who started them is gone."""
+"""What becomes of runs when central was restarted, when their server ends, or when who started them
+is gone.
+"""
 
 import signal
 import threading
@@ -74,11 +76,20 @@ def test_a_run_goes_on_when_its_sender_leaves() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "says", "why"),
-    [(signal.SIGINT, "stands\nover\n", "server 'cart' has ended"), (signal.SIGKILL, "", "module 'cart'")],
+    [
+        (signal.SIGINT, "stands\nover\n", "server 'cart' has ended"),
+        (signal.SIGKILL, "", "module 'cart'"),
+    ],
     ids=["ctrl-c", "killed"],
 )
-def test_a_server_that_ends_terminates_what_runs(tmp_path: Path, number: signal.Signals, says: str, why: str) -> None:
-    with central(tmp_path) as daemon, program(SERVER, daemon.address) as server, connect("u", daemon.address) as user:
+def test_a_server_that_ends_terminates_what_runs(
+    tmp_path: Path, number: signal.Signals, says: str, why: str
+) -> None:
+    with (
+        central(tmp_path) as daemon,
+        program(SERVER, daemon.address) as server,
+        connect("u", daemon.address) as user,
+    ):
         until(lambda: "cart.Drive" in str(user.status("messages")), "the server is there")
         while not user.status("messages"):
             pass

@@ -23,7 +23,17 @@ from tca_behaviours.missions import (
     UnknownTask,
 )
 from tca_behaviours.missions.client.mission_goal import MissionInfo
-from tca_module import Goal, MisuseError, Module, Outcome, Rejected, Task, TaskKilled, Timeout, connect
+from tca_module import (
+    Goal,
+    MisuseError,
+    Module,
+    Outcome,
+    Rejected,
+    Task,
+    TaskKilled,
+    Timeout,
+    connect,
+)
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -61,12 +71,19 @@ def test_any_or_all_of_several() -> None:
 @pytest.mark.parametrize(
     ("fails", "status", "text", "failure"),
     [
-        ("initialise", Status.INITIALISATION_FAILED, "no wheels", "mission task initialisation failed"),
+        (
+            "initialise",
+            Status.INITIALISATION_FAILED,
+            "no wheels",
+            "mission task initialisation failed",
+        ),
         ("rock", Status.FAILED, "hit a rock", "rock"),
         ("python", Status.FAILED, "ValueError: a slip", "handler error"),
     ],
 )
-def test_a_failure_is_an_exception_and_the_mission_goes_on(fails: str, status: Status, text: str, failure: str) -> None:
+def test_a_failure_is_an_exception_and_the_mission_goes_on(
+    fails: str, status: Status, text: str, failure: str
+) -> None:
     with mission_of_rover() as (mission, _):
         with pytest.raises(MissionTaskFailed) as caught:
             mission.Drive(fails=fails)
@@ -95,13 +112,19 @@ def test_parameters_are_changed_while_a_task_runs() -> None:
     with mission_of_rover() as (mission, robot):
         drive = mission.start("Drive", x=1.0, fails="never")
         mission.update_task(drive, x=3.0, says="to the east")
-        until(lambda: mission.running_tasks()[0].text == "to the east", "the task has its new parameter")
+        until(
+            lambda: mission.running_tasks()[0].text == "to the east",
+            "the task has its new parameter",
+        )
         assert (
-            mission.running_tasks()[0].parameters.items() >= {"x": 3.0, "fails": "never", "says": "to the east"}.items()
+            mission.running_tasks()[0].parameters.items()
+            >= {"x": 3.0, "fails": "never", "says": "to the east"}.items()
         )
         with pytest.raises(BadParameter, match="parameter 'x' must be at most 10"):
             mission.update_task(drive, x=30.0)
-        with pytest.raises(Rejected, match="parameter 'foreground' can't be changed while the task runs"):
+        with pytest.raises(
+            Rejected, match="parameter 'foreground' can't be changed while the task runs"
+        ):
             mission.update_task(drive, foreground=False)
         mission.update_task(drive, fails="")
         assert mission.wait_for_task(drive).text == "to the east"
@@ -120,7 +143,11 @@ def test_what_is_wrong_is_said_before_anything_is_sent(approve: Callable[..., No
 
         approve("mistakes.txt", tell)
         assert robot.done == []
-        assert not [fact for fact in central.facts if isinstance(fact, facts.Received) and "rover." in fact.message]
+        assert not [
+            fact
+            for fact in central.facts
+            if isinstance(fact, facts.Received) and "rover." in fact.message
+        ]
 
 
 def test_tasks_have_signatures_help_and_names() -> None:
@@ -138,7 +165,7 @@ def test_tasks_have_signatures_help_and_names() -> None:
         assert not hasattr(mission, "Fly")
 
 
-# --- conditions --------------------------------------------------------------------------------------------------------
+# --- conditions -----------------------------------------------------------------------------------
 
 
 def test_a_condition_interrupts_and_the_robot_is_left_safe() -> None:
@@ -232,9 +259,12 @@ def test_the_death_of_its_server_does_not_verify_a_condition() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ends", "error"), [((), MissionTaskFailed), ((Status.TIMEOUT, Status.FAILED), ConditionVerified)]
+    ("ends", "error"),
+    [((), MissionTaskFailed), ((Status.TIMEOUT, Status.FAILED), ConditionVerified)],
 )
-def test_other_ends_verify_a_condition_by_choice(ends: tuple[Status, ...], error: type[Exception]) -> None:
+def test_other_ends_verify_a_condition_by_choice(
+    ends: tuple[Status, ...], error: type[Exception]
+) -> None:
     with mission_of_rover() as (mission, robot):
         mission.add_condition(ConditionIsCompleted(mission.Watch(task_timeout=0.02), ends=ends))
         with pytest.raises(error):
@@ -242,7 +272,7 @@ def test_other_ends_verify_a_condition_by_choice(ends: tuple[Status, ...], error
         assert robot.done[-1] == "stands at 2"
 
 
-# --- stopping ----------------------------------------------------------------------------------------------------------
+# --- stopping -------------------------------------------------------------------------------------
 
 
 def test_stopped_tasks_have_left_things_safe() -> None:
@@ -327,7 +357,9 @@ def test_missions_of_one_name_that_begin_together_do_not_mix() -> None:
 
         def weigh(number: int) -> None:
             with Mission("rover", name="weigh", central=central) as mission:
-                ends.append(mission.wait_for_task(mission.Weigh(grams=[number], foreground=False)).text)
+                ends.append(
+                    mission.wait_for_task(mission.Weigh(grams=[number], foreground=False)).text
+                )
 
         threads = [threading.Thread(target=weigh, args=(number,)) for number in range(6)]
         for thread in threads:
@@ -360,12 +392,14 @@ def test_a_mission_whose_goal_is_killed_ends() -> None:
             assert robot.done == ["to 0", "stands at 0"]
 
 
-# --- servers -----------------------------------------------------------------------------------------------------------
+# --- servers --------------------------------------------------------------------------------------
 
 
 def test_without_a_server_a_mission_does_not_begin() -> None:
     with rover() as (central, _):
-        with pytest.raises(NotOffered, match=r"server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"):
+        with pytest.raises(
+            NotOffered, match=r"server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"
+        ):
             Mission("rovre", central=central, patience=0).open()
         with Mission(central=central) as mission:  # there is only one
             assert mission.server == "rover"
@@ -399,14 +433,18 @@ def test_tasks_that_nobody_offers_any_more_are_errors() -> None:
         with TaskServer("rover", Rover(), tasks=TASKS, central=central).running():
             mission = Mission("rover", central=central).open()
             mission.Drive()
-        with pytest.raises(NotOffered, match=r"server 'rover' has left|nobody offers rover.Drive any more"):
+        with pytest.raises(
+            NotOffered, match=r"server 'rover' has left|nobody offers rover.Drive any more"
+        ):
             mission.Drive()
         mission.close()
 
 
 def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_for_it() -> None:
     with LocalCentral() as central:
-        rovers = TaskServer("rover", Rover(), tasks=TASKS, central=central)  # never started: it gives the message
+        rovers = TaskServer(
+            "rover", Rover(), tasks=TASKS, central=central
+        )  # never started: it gives the message
         module, begun = Module("rover", central, capacity=1), threading.Event()
 
         def drive(task: Task, _: Any) -> TaskEnd:
@@ -422,7 +460,8 @@ def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_fo
             waiting, another = mission.start("Drive"), mission.start("Drive")
             module.stop()
             with pytest.raises(
-                NotOffered, match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it"
+                NotOffered,
+                match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it",
             ):
                 mission.wait_for_task(waiting)
             with pytest.raises(MissionTaskFailed, match="failed: "):

@@ -41,13 +41,19 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 
 
 @contextmanager
-def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False) -> Iterator[Process]:
+def on_its_trip(
+    address: str, robot: Rover, folder: Path, *, stays: bool = False
+) -> Iterator[Process]:
     """The mission in a process, when it drives its second way, and has noted both drives' tasks."""
     process = program(TRIP.format(stays=stays), address, cwd=folder)
 
     def drives_back() -> bool:
         steps = folder / "trip.steps"
-        return "to 2" in robot.done and steps.exists() and steps.read_bytes().count(b'"is":"task"') >= 2
+        return (
+            "to 2" in robot.done
+            and steps.exists()
+            and steps.read_bytes().count(b'"is":"task"') >= 2
+        )
 
     try:
         until(lambda: drives_back() or process.poll() is not None, "the rover drives back", SOON)
@@ -61,23 +67,30 @@ def tasks_of(address: str) -> list[str]:
         return [task.message for task in user.tasks()]
 
 
-def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step(tmp_path: Path) -> None:
+def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step(
+    tmp_path: Path,
+) -> None:
     with served(tmp_path) as (address, robot):
         with on_its_trip(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGKILL)
             until(lambda: {"stands at 2", "watched"} <= set(robot.done), "the rover is safe", SOON)
         until(lambda: tasks_of(address) == [], "nothing runs", SOON)
         robot.done.clear()
-        with Mission("rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps") as mission:
+        with Mission(
+            "rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps"
+        ) as mission:
             assert mission.step("out", mission.Drive, x=1.0).status  # it is not done again
             with pytest.raises(
-                StepUncertain, match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost"
+                StepUncertain,
+                match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost",
             ):
                 mission.step("back", mission.Drive, x=2.0)
             assert robot.done == []
             mission.repeatable_step("back", mission.Drive, x=2.0)
         assert robot.done == ["to 2", "stands at 2"]
-        assert not (tmp_path / "trip.steps").exists()  # a mission that has come to its end begins anew
+        assert not (
+            tmp_path / "trip.steps"
+        ).exists()  # a mission that has come to its end begins anew
 
 
 def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path) -> None:
@@ -85,7 +98,13 @@ def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path)
         with on_its_trip(address, robot, tmp_path, stays=True) as process:
             process.send_signal(signal.SIGKILL)
             process.wait()
-        trip = Mission("rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps", leave_running=True)
+        trip = Mission(
+            "rover",
+            name="trip",
+            central=address,
+            checkpoint=tmp_path / "trip.steps",
+            leave_running=True,
+        )
         with connect("operator", address) as operator, trip as mission:
             (drive,) = [task for task in operator.tasks() if task.message == "rover.Drive"]
             drive.kill("enough", delay=0.1)  # while the mission waits for it
@@ -106,9 +125,15 @@ def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
 
 def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) -> None:
     """A reader copies them from docs/missions.md."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL
+    )
     (server,) = [block for block in blocks if ".run()" in block]
-    (mission,) = [block for block in blocks if block.startswith("from tca_behaviours.missions import Mission\n")]
+    (mission,) = [
+        block
+        for block in blocks
+        if block.startswith("from tca_behaviours.missions import Mission\n")
+    ]
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central, contextlib.ExitStack() as stack:
         serving = stack.enter_context(program(server, central.address))
         going = stack.enter_context(program(mission, central.address))
@@ -117,4 +142,8 @@ def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) ->
         ]
         going.send_signal(signal.SIGINT)
         going.communicate(timeout=SOON)
-        until(lambda: not any("cart." in task for task in tasks_of(central.address)), "nothing runs", SOON)
+        until(
+            lambda: not any("cart." in task for task in tasks_of(central.address)),
+            "nothing runs",
+            SOON,
+        )

@@ -21,10 +21,15 @@ def formatted(schema: Any) -> MessageInfo:
 @pytest.mark.parametrize(
     "schema",
     [
-        [MISSION_TASK], {MISSION_TASK: None}, {MISSION_TASK: "rover"}, {MISSION_TASK: {"server": 3, "task": []}}, {MISSION_TASK: {}}, {MISSION_TASK: {"server": "rover"}},
+        [MISSION_TASK],
+        {MISSION_TASK: None},
+        {MISSION_TASK: "rover"},
+        {MISSION_TASK: {"server": 3, "task": []}},
+        {MISSION_TASK: {}},
+        {MISSION_TASK: {"server": "rover"}},
         {MISSION_TASK: {**GOOD, "parameters": 3}},
     ],
-)  # fmt: skip
+)
 def test_what_is_no_mark_is_no_task(schema: Any) -> None:
     assert list(offered_tasks([formatted(schema)])) == []
 
@@ -55,8 +60,14 @@ def test_stub_is_python_whatever_a_server_calls_its_tasks(name: str, text: str) 
     names: dict[str, Any] = {}
     (task,) = offered_tasks([formatted(schema)])
     stub = (
-        stub_text(text, [task]).replace("if TYPE_CHECKING:", "if True:").replace("import BaseMission", "import Mission")
+        stub_text(text, [task])
+        .replace("if TYPE_CHECKING:", "if True:")
+        .replace("import BaseMission", "import Mission")
     )
     exec(compile(stub, "tasks.py", "exec"), names)
-    (made,) = (one for key, one in names.items() if key.endswith("Mission") and getattr(one, "SERVER", None) == text)
+    (made,) = (
+        one
+        for key, one in names.items()
+        if key.endswith("Mission") and getattr(one, "SERVER", None) == text
+    )
     assert hasattr(made, name) is (name == "Drive")

@@ -10,7 +10,15 @@ from missions.rover import rover
 from msgspec.structs import replace
 from tools.runs import checked
 
-from tca_behaviours.missions import Environment, Mission, MissionTaskFailed, OnceTask, Status, TaskEnd, TaskServer
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    MissionTaskFailed,
+    OnceTask,
+    Status,
+    TaskEnd,
+    TaskServer,
+)
 from tca_module import Command, Failure, Module, Outcome, Task, connect
 from tca_module.testing import LocalCentral
 from tca_tools.check.rules import MISSION
@@ -19,21 +27,34 @@ from tca_tools.journal.lives import life_at
 from tca_tools.journal.records import TaskState
 from tca_wire.journal import facts
 
-FAILURES: list[dict[str, Any]] = [{"fails": "rock"}, {"fails": "never", "task_timeout": 0.02}, {"fails": "initialise"}]
+FAILURES: list[dict[str, Any]] = [
+    {"fails": "rock"},
+    {"fails": "never", "task_timeout": 0.02},
+    {"fails": "initialise"},
+]
 Told = list[tuple[str, str]]
 
 
 @contextmanager
 def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
-    """Three drives that fail, one that is stopped, one that completes; and their ends, as an observer is told."""
-    with rover() as (central, _), connect("eye", central) as eye, Mission("rover", central=central) as mission:
+    """Three drives that fail, one that is stopped, one that completes; and their ends, as an
+    observer is told.
+    """
+    with (
+        rover() as (central, _),
+        connect("eye", central) as eye,
+        Mission("rover", central=central) as mission,
+    ):
         with eye.observe(eye.declared("rover.Drive")) as changes:
             for parameters in FAILURES:
                 with pytest.raises(MissionTaskFailed):
                     mission.Drive(**parameters)
             mission.stop_task(mission.start("Drive", fails="never"))
             mission.Drive()
-            told = [(change.transition, change.state) for _, change in zip(range(15), changes, strict=False)]
+            told = [
+                (change.transition, change.state)
+                for _, change in zip(range(15), changes, strict=False)
+            ]
         yield central, mission, told[2::3]
 
 
@@ -44,27 +65,44 @@ def test_failed_tasks_are_failed_for_everybody() -> None:
     assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
     run = History.until(central.entries)
     tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
-    assert [task.state for task in tasks] == [*[TaskState.FAILED] * 3, TaskState.KILLED, TaskState.ACHIEVED]
+    assert [task.state for task in tasks] == [
+        *[TaskState.FAILED] * 3,
+        TaskState.KILLED,
+        TaskState.ACHIEVED,
+    ]
     assert [life_at(run, task).state for task in tasks] == [state for _, state in told]
     assert checked(central.entries) == []
 
 
 def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     """The exception handler of the mission does not kill the task, and returns."""
-    told = [fact for fact in entry.facts if not (isinstance(fact, facts.Killed) and fact.task == failed.task)]
-    has_returned = any(isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in told)
+    told = [
+        fact
+        for fact in entry.facts
+        if not (isinstance(fact, facts.Killed) and fact.task == failed.task)
+    ]
+    has_returned = any(
+        isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in told
+    )
     return [*told, facts.Recovered(failed.task)] if has_returned else told
 
 
 def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     """Its handler returns a status that is not COMPLETED."""
     end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
-    returned = [fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task]
-    return [replace(fact, outcome=Outcome.DONE, body=end) if fact in returned else fact for fact in entry.facts]
+    returned = [
+        fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task
+    ]
+    return [
+        replace(fact, outcome=Outcome.DONE, body=end) if fact in returned else fact
+        for fact in entry.facts
+    ]
 
 
 @pytest.mark.parametrize("bend", [dealt_with, completed])
-def test_check_finds_a_failed_task_that_counts_as_done(bend: Callable[..., list[facts.Fact]]) -> None:
+def test_check_finds_a_failed_task_that_counts_as_done(
+    bend: Callable[..., list[facts.Fact]],
+) -> None:
     with every_end() as (central, *_):
         pass
     failed = next(fact for fact in central.facts if isinstance(fact, facts.Caught))
@@ -91,10 +129,16 @@ def slip(_: Task) -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "timeout", "text"), [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")]
+    ("task", "timeout", "text"),
+    [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")],
 )
-def test_a_task_fails_at_its_timeout_and_with_what_it_sent(task: str, timeout: float, text: str) -> None:
-    with LocalCentral() as central, TaskServer("dog", Environment(), [Nap, Walk], central=central).running():
+def test_a_task_fails_at_its_timeout_and_with_what_it_sent(
+    task: str, timeout: float, text: str
+) -> None:
+    with (
+        LocalCentral() as central,
+        TaskServer("dog", Environment(), [Nap, Walk], central=central).running(),
+    ):
         legs = Module("legs", central)
         legs.handles(STEP)(slip)
         with legs.running(), Mission("dog", central=central) as mission:

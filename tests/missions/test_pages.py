@@ -1,4 +1,6 @@
-"""The code on the pages on missions and task servers runs as it is printed, and does what they say."""
+"""The code on the pages on missions and task servers runs as it is printed, and does what they
+say.
+"""
 
 import functools
 import re
@@ -9,7 +11,15 @@ from typing import Any
 import pytest
 
 import tca_behaviours.missions
-from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskServer,
+    parameter,
+)
 from tca_module import connect
 from tca_module.testing import LocalCentral
 
@@ -73,9 +83,13 @@ def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cart]:
     with LocalCentral() as central:
         cart = Cart()
         monkeypatch.setattr(
-            tca_behaviours.missions, "Mission", functools.partial(Mission, central=central, name="test")
+            tca_behaviours.missions,
+            "Mission",
+            functools.partial(Mission, central=central, name="test"),
         )
-        with TaskServer("cart", cart, [Drive, Photograph, WaitForRain], rate=100.0, central=central).running():
+        with TaskServer(
+            "cart", cart, [Drive, Photograph, WaitForRain], rate=100.0, central=central
+        ).running():
             yield cart
 
 
@@ -92,9 +106,15 @@ def run_in_mission(beginning: str, **names: Any) -> None:
 def test_the_imports_are_all_that_the_page_names() -> None:
     page = (DOCS / "missions.md").read_text()
     imported = set[str]()
-    for words in re.findall(r"^from tca_behaviours.missions import (\([^)]*\)|.*)$", page, re.MULTILINE):
+    for words in re.findall(
+        r"^from tca_behaviours.missions import (\([^)]*\)|.*)$", page, re.MULTILINE
+    ):
         imported |= set(re.findall(r"\w+", words))
-    offered = {name for name in vars(tca_behaviours.missions) if not (name.startswith("_") or name.islower())}
+    offered = {
+        name
+        for name in vars(tca_behaviours.missions)
+        if not (name.startswith("_") or name.islower())
+    }
     assert {name for name in offered if re.search(rf"\b{name}\b", page)} <= imported
     assert imported <= {*offered, "parameter", "status_of"}
 
@@ -135,7 +155,10 @@ def test_the_short_pieces_run(cart: Cart) -> None:
 
 def test_a_task_that_runs_once_and_the_test_of_a_task() -> None:
     names: dict[str, Any] = {**vars(tca_behaviours.missions), "__name__": __name__}
-    for beginning in ("from tca_behaviours.missions import (\n    Environment,\n    Mission,", "class OpenDoor("):
+    for beginning in (
+        "from tca_behaviours.missions import (\n    Environment,\n    Mission,",
+        "class OpenDoor(",
+    ):
         exec(block("task-servers.md", beginning), names)
     exec(block("task-servers.md", "from tca_module import connect\n"), names)
     with LocalCentral(stepped=True) as central, connect("test", central) as user:

@@ -1,4 +1,6 @@
-"""Parameters: declared in the class, known to every sender by the format, checked before anything is sent."""
+"""Parameters: declared in the class, known to every sender by the format, checked before anything
+is sent.
+"""
 
 import json
 from typing import Annotated, Any
@@ -22,13 +24,27 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
     with serving() as robot:
         turn = shape(robot, "Turn")
         assert turn["x-tca-mission"] == {
-            "server": "gripper", "task": "Turn", "help": "Turn the wrist.", "periodic": True,
-            "parameters": ["angle", "steps", "fails_in", "task_timeout", "foreground", "task_period"],
-        }  # fmt: skip
+            "server": "gripper",
+            "task": "Turn",
+            "help": "Turn the wrist.",
+            "periodic": True,
+            "parameters": [
+                "angle",
+                "steps",
+                "fails_in",
+                "task_timeout",
+                "foreground",
+                "task_period",
+            ],
+        }
         fields = turn["$defs"]["Turn"]["properties"]
         assert fields["angle"] == {
-            "type": "number", "default": 1.0, "minimum": -3, "maximum": 3, "description": "How far, in radians",
-        }  # fmt: skip
+            "type": "number",
+            "default": 1.0,
+            "minimum": -3,
+            "maximum": 3,
+            "description": "How far, in radians",
+        }
         assert fields["task_period"]["default"] == 0.1
         grasp = shape(robot, "Grasp")
         assert grasp["$defs"]["Grasp"]["required"] == ["force"]
@@ -46,7 +62,9 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
         ("Grasp", {}, "field 'force' is missing"),
     ],
 )
-def test_a_sender_that_knows_only_the_name_is_told_what_is_wrong(task: str, parameters: Any, says: str) -> None:
+def test_a_sender_that_knows_only_the_name_is_told_what_is_wrong(
+    task: str, parameters: Any, says: str
+) -> None:
     with serving() as robot:
         before = len(robot.central.facts)
         message = robot.user.declared(f"gripper.{task}")
@@ -138,12 +156,27 @@ class Unknown(Turn):
 @pytest.mark.parametrize(
     ("task", "says"),
     [
-        (OutOfRange, "task OutOfRange: the default of parameter 'angle' does not fit: Expected `float` <= 3.0"),
-        (WrongType, "task WrongType: the default of parameter 'angle' does not fit: Expected `float`, got `str`"),
-        (Reserved, "task Reserved: parameter 'report' has the name of something that every task has"),
+        (
+            OutOfRange,
+            "task OutOfRange: the default of parameter 'angle' does not fit: Expected `float` <= 3.0",
+        ),
+        (
+            WrongType,
+            "task WrongType: the default of parameter 'angle' does not fit: Expected `float`, got `str`",
+        ),
+        (
+            Reserved,
+            "task Reserved: parameter 'report' has the name of something that every task has",
+        ),
         (Given, "task Given: 'env' is given by the server: choose another name"),
-        (Unsendable, "task Unsendable: parameter 'lock' can't be sent: Gripper has no format; use a dataclass, "),
-        (Unknown, "task Unknown: the types of its parameters can't be read: name 'Nowhere' is not defined"),
+        (
+            Unsendable,
+            "task Unsendable: parameter 'lock' can't be sent: Gripper has no format; use a dataclass, ",
+        ),
+        (
+            Unknown,
+            "task Unknown: the types of its parameters can't be read: name 'Nowhere' is not defined",
+        ),
     ],
 )
 def test_what_can_be_no_parameter_is_refused(task: type[PeriodicTask[Any]], says: str) -> None:

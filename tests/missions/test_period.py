@@ -29,12 +29,18 @@ class Slow(PeriodicTask[Gripper]):
     ("takes", "begins", "overruns"),
     [
         ([0.02, 0.09, 0.05, 0], [0, 0.1, 0.2, 0.3], 0),
-        ([0.13, 0, 0, 0], [0, 0.13, 0.2, 0.3], 1),  # the late one begins at once, and the time is kept
+        (
+            [0.13, 0, 0, 0],
+            [0, 0.13, 0.2, 0.3],
+            1,
+        ),  # the late one begins at once, and the time is kept
         ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are left out
         ([0.1, 0, 0], [0, 0.1, 0.2], 0),
     ],
 )
-def test_overruns(takes: list[float], begins: list[float], overruns: int, caplog: pytest.LogCaptureFixture) -> None:
+def test_overruns(
+    takes: list[float], begins: list[float], overruns: int, caplog: pytest.LogCaptureFixture
+) -> None:
     with serving(Slow) as robot, caplog.at_level(logging.WARNING, "tca.gripper"):
         sent = robot.send("Slow", takes=takes)
         assert robot.after(2) == [f"{begin:.2f} Slow steps" for begin in begins]
@@ -50,7 +56,9 @@ def test_the_time_is_kept_whatever_iterations_take(takes: list[float], seconds: 
         begun, now = period.due, max(now, period.due) + each
         due = period.next(now, seconds)
         assert due > begun
-        assert due >= now - seconds - 1e-9  # a late one begins at once, and not more than one period late
+        assert (
+            due >= now - seconds - 1e-9
+        )  # a late one begins at once, and not more than one period late
         assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
         assert due <= max(now, begun) + seconds + 1e-9
         assert round((due - 5.0) / seconds) >= number

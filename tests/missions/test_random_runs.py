@@ -1,5 +1,5 @@
-"""Random lives of a task server: whatever is sent, killed and changed, the foreground is one task's, and what was
-initialised is terminated once.
+"""Random lives of a task server: whatever is sent, killed and changed, the foreground is one
+task's, and what was initialised is terminated once.
 """
 
 from collections import Counter
@@ -68,7 +68,11 @@ STARTS = st.tuples(
         },
     ),
 )
-ACTS = st.lists(st.one_of(STARTS, SECONDS, st.tuples(st.sampled_from(["kill", "cancel", "update"]), st.integers(0, 5))))
+ACTS = st.lists(
+    st.one_of(
+        STARTS, SECONDS, st.tuples(st.sampled_from(["kill", "cancel", "update"]), st.integers(0, 5))
+    )
+)
 
 
 def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
@@ -87,7 +91,11 @@ def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
             elif call == "cancel":
                 task.cancel()
             else:
-                task.update_send(robot.server.definitions[task.message.partition(".")[2]].parameters(task_timeout=0.5))
+                task.update_send(
+                    robot.server.definitions[task.message.partition(".")[2]].parameters(
+                        task_timeout=0.5
+                    )
+                )
         except (Refused, Rejected):
             pass  # it has ended
 

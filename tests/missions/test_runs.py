@@ -24,8 +24,12 @@ def test_a_periodic_task_keeps_its_rate() -> None:
     with serving() as robot:
         sent = robot.send("Turn", task_period=0.2)
         assert robot.after(1) == [
-            "0.00 Turn initialises", "0.00 Turn step 1", "0.20 Turn step 2", "0.40 Turn step 3", "0.40 Turn terminates",
-        ]  # fmt: skip
+            "0.00 Turn initialises",
+            "0.00 Turn step 1",
+            "0.20 Turn step 2",
+            "0.40 Turn step 3",
+            "0.40 Turn terminates",
+        ]
         assert sent.result() == TaskEnd(DONE)
 
 
@@ -38,7 +42,11 @@ def test_the_rate_of_the_server_counts_where_nothing_else_is_said() -> None:
 def test_a_task_that_runs_once() -> None:
     with serving() as robot:
         sent = robot.send("Grasp", force=2)
-        assert robot.after(2) == ["0.00 Grasp closes", "1.00 Grasp has closed", "1.00 Grasp terminates"]
+        assert robot.after(2) == [
+            "0.00 Grasp closes",
+            "1.00 Grasp has closed",
+            "1.00 Grasp terminates",
+        ]
         assert sent.result() == TaskEnd(DONE, "closed")
 
 
@@ -50,7 +58,9 @@ def test_a_task_that_runs_once() -> None:
         ("terminate", MISSION_TASK_FAILED, "the brake does not hold", Status.FAILED),
     ],
 )
-def test_a_failure_terminates(fails_in: str, failure: Failure[None], text: str, status: Status) -> None:
+def test_a_failure_terminates(
+    fails_in: str, failure: Failure[None], text: str, status: Status
+) -> None:
     with serving() as robot:
         sent = robot.send("Turn", fails_in=fails_in)
         assert robot.after(1)[-1].endswith("Turn terminates")
@@ -74,7 +84,9 @@ def test_what_could_not_be_initialised_is_not_terminated(caplog: pytest.LogCaptu
 @pytest.mark.parametrize("task", ["Turn", "Grasp"])
 def test_a_timeout_terminates(task: str) -> None:
     with serving() as robot:
-        sent = robot.send(task, task_timeout=0.25, **({"steps": 9} if task == "Turn" else {"force": 2}))
+        sent = robot.send(
+            task, task_timeout=0.25, **({"steps": 9} if task == "Turn" else {"force": 2})
+        )
         assert robot.after(1)[-1] == f"0.25 {task} terminates"
         with pytest.raises(TaskFailed, match=r"it ran for 0\.25 s") as failed:
             sent.result()
@@ -199,9 +211,21 @@ class CarelessOnce(OnceTask[Gripper]):
 @pytest.mark.parametrize(
     ("task", "says", "text"),
     [
-        ("Careless", "nothing", "iterate() returned None: return Status.RUNNING or Status.COMPLETED"),
-        ("Careless", "a word", "iterate() returned 'done': return Status.RUNNING or Status.COMPLETED"),
-        ("CarelessOnce", "", "iterate() returned RUNNING, but the task runs once: return COMPLETED"),
+        (
+            "Careless",
+            "nothing",
+            "iterate() returned None: return Status.RUNNING or Status.COMPLETED",
+        ),
+        (
+            "Careless",
+            "a word",
+            "iterate() returned 'done': return Status.RUNNING or Status.COMPLETED",
+        ),
+        (
+            "CarelessOnce",
+            "",
+            "iterate() returned RUNNING, but the task runs once: return COMPLETED",
+        ),
     ],
 )
 def test_what_iterate_must_not_return(task: str, says: str, text: str) -> None:

@@ -1,4 +1,6 @@
-"""A run is a task of the tree: exception handlers retry it, it holds locks, and its story is told."""
+"""A run is a task of the tree: exception handlers retry it, it holds locks, and its story is
+told.
+"""
 
 from missions.gripper import Gripper, serving
 

@@ -127,7 +127,9 @@ def test_of_another_central_nothing_is_known(trip: Trip) -> None:
 def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
     with trip.mission() as mission:
         mission.step("round", list)
-        with pytest.raises(MisuseError, match=r"step 'round' was done by this run .* f'round \{number\}'"):
+        with pytest.raises(
+            MisuseError, match=r"step 'round' was done by this run .* f'round \{number\}'"
+        ):
             mission.step("round", list)
         with pytest.raises(MisuseError, match="step 'outer' was begun by this run"):
             mission.step("outer", lambda: mission.step("outer", list))
@@ -146,9 +148,19 @@ def pair() -> tuple[int, bytes]:
 
 @pytest.mark.parametrize(
     "function",
-    [moment, pair, lambda: nan, lambda: {1: [inf, None], "a": b"\0"}, lambda: 2**63, lambda: datetime.now(UTC), lambda: TaskEnd(132, "x")],
-)  # fmt: skip
-def test_a_resumed_step_has_the_value_of_the_first_run(trip: Trip, function: Callable[[], Any]) -> None:
+    [
+        moment,
+        pair,
+        lambda: nan,
+        lambda: {1: [inf, None], "a": b"\0"},
+        lambda: 2**63,
+        lambda: datetime.now(UTC),
+        lambda: TaskEnd(132, "x"),
+    ],
+)
+def test_a_resumed_step_has_the_value_of_the_first_run(
+    trip: Trip, function: Callable[[], Any]
+) -> None:
     values = []
     for again in (function, partial(pytest.fail, "it is done again")):
         again.__annotations__ = function.__annotations__
@@ -160,12 +172,15 @@ def test_a_resumed_step_has_the_value_of_the_first_run(trip: Trip, function: Cal
 
 
 @pytest.mark.parametrize(
-    "function", [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: date.max, object]
+    "function",
+    [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: date.max, object],
 )
 def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[], Any]) -> None:
     for _ in range(2):  # it does not count as done, and is not uncertain either
         with crashes(), trip.mission() as mission:
-            with pytest.raises(MisuseError, match="step 'look' does not count as done: its value can't be kept"):
+            with pytest.raises(
+                MisuseError, match="step 'look' does not count as done: its value can't be kept"
+            ):
                 mission.step("look", function)
             raise Crash
 
@@ -206,8 +221,14 @@ def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
 
 def test_a_checkpoint_that_is_no_file_is_an_error(tmp_path: Path) -> None:
     with rover() as (central, _):
-        for file, why in ((tmp_path, "Is a directory"), (tmp_path / "none" / "x.steps", "No such file or directory")):
-            with pytest.raises(MisuseError, match=f"checkpoint {file} can't be opened: {why}: give the path of a file"):
+        for file, why in (
+            (tmp_path, "Is a directory"),
+            (tmp_path / "none" / "x.steps", "No such file or directory"),
+        ):
+            with pytest.raises(
+                MisuseError,
+                match=f"checkpoint {file} can't be opened: {why}: give the path of a file",
+            ):
                 Mission("rover", central=central, checkpoint=file).open()
     no_path: Any = 3
     with pytest.raises(MisuseError, match="checkpoint must be the path of a file, or None, not 3"):

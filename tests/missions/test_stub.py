@@ -38,16 +38,23 @@ def fly(mission: RoverMission) -> None:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_a_program_that_uses_the_stub_file_passes_mypy_and_one_with_slips_does_not(tmp_path: Path) -> None:
+def test_a_program_that_uses_the_stub_file_passes_mypy_and_one_with_slips_does_not(
+    tmp_path: Path,
+) -> None:
     with mission_of_rover() as (mission, _):
-        (tmp_path / "rover_tasks.py").write_text(stub_text(mission.server, mission.offered().values()))
+        (tmp_path / "rover_tasks.py").write_text(
+            stub_text(mission.server, mission.offered().values())
+        )
     (tmp_path / "good.py").write_text(GOOD)
     (tmp_path / "bad.py").write_text(BAD)
     files = [str(tmp_path / name) for name in ("rover_tasks.py", "good.py", "bad.py")]
     found = subprocess.run(
         [sys.executable, "-m", "mypy", "--config-file", "setup.cfg", "--no-error-summary", *files],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     errors = [line.split(":") for line in found.stdout.splitlines() if ": error: " in line]
     wrong = {(Path(file).name, int(number)) for file, number, *_ in errors}
     assert wrong == {("bad.py", number) for number in range(5, 11)}, found.stdout + found.stderr

@@ -15,7 +15,9 @@ from tca_module.testing import LocalCentral
 @pytest.fixture
 def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
     """Its clock is stepped by the tests of a module that says STEPPED."""
-    with LocalCentral(check=check_invariants, stepped=getattr(request.module, "STEPPED", False)) as central:
+    with LocalCentral(
+        check=check_invariants, stepped=getattr(request.module, "STEPPED", False)
+    ) as central:
         yield central
 
 
@@ -28,8 +30,8 @@ def user(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Modules soon notice that they are to end, or that a central which broke off says nothing: with the usual times
-    that takes up to 0.2 s, and 3.
+    """Modules soon notice that they are to end, or that a central which broke off says nothing:
+    with the usual times that takes up to 0.2 s, and 3.
     """
     monkeypatch.setattr(session, "QUIET", 0.2)
     monkeypatch.setattr(session, "IDLE", 0.2)

@@ -1,4 +1,6 @@
-"""Declarations as a type checker sees them, and mistakes that it finds: read by test_types.py's mypy, never run."""
+"""Declarations as a type checker sees them, and mistakes that it finds: read by test_types.py's
+mypy, never run.
+"""
 
 from dataclasses import dataclass
 from typing import Any, assert_type
@@ -111,7 +113,9 @@ def sent_without_data(task: Task, later: LaterReply[Footfall]) -> None:
     _ = COLLISION()  # type: ignore[call-arg]
 
 
-def sent_with_what_is_wanted(task: Task, later: LaterReply[None], any_message: Command[Any, Any]) -> None:
+def sent_with_what_is_wanted(
+    task: Task, later: LaterReply[None], any_message: Command[Any, Any]
+) -> None:
     assert_type(task.command(MOVE_LEG, 1, priority=5).result(), Footfall)
     assert_type(task.query(TEMPERATURE), float)
     assert_type(task.execute(STANCE, 1.0), list[int])
@@ -128,7 +132,7 @@ async def wrong_await(task: Task) -> int:
     return await task.query_send(STANCE, 1.0)  # type: ignore[arg-type]
 
 
-# --- Following, requests, servers ----------------------------------------------------------------------------------------
+# --- Following, requests, servers -----------------------------------------------------------------
 
 
 class Stepping(Server[int, Footfall]):

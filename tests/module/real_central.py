@@ -36,7 +36,9 @@ class _Recorded(Daemon):
         self.recorded: list[Any] = []
 
     def _perform(self, effects: list[Effect]) -> None:
-        self.recorded += [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
+        self.recorded += [
+            fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts
+        ]
         super()._perform(effects)
 
 
@@ -60,7 +62,12 @@ class RealCentral:
     def asked_by(self, module: str) -> list[Any]:
         """What the handlers of a module wait for now."""
         connections = list(self.server.central.registry.connections.values())
-        return [due for one in connections if one.module.name == module for due in list(one.outstanding.values())]
+        return [
+            due
+            for one in connections
+            if one.module.name == module
+            for due in list(one.outstanding.values())
+        ]
 
     def close(self) -> None:
         if self._thread.is_alive():
@@ -71,7 +78,10 @@ class RealCentral:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 

@@ -36,7 +36,7 @@ COLLISION = Failure("collision", Footfall)
 EXHAUSTED = Failure("exhausted")
 
 
-# --- A planner and legs, for stories about tasks ---------------------------------------------------------------------
+# --- A planner and legs, for stories about tasks --------------------------------------------------
 
 
 class Robot:
@@ -61,8 +61,16 @@ class Robot:
             yield
 
     def received(self, name: str) -> list[Received]:
-        return [fact for fact in self.central.facts if isinstance(fact, Received) and fact.message == name]
+        return [
+            fact
+            for fact in self.central.facts
+            if isinstance(fact, Received) and fact.message == name
+        ]
 
     def order_of(self, moment: Moment) -> list[int]:
         """The tasks that reached a moment, in that order."""
-        return [fact.task for fact in self.central.facts if isinstance(fact, Reached) and fact.moments & moment]
+        return [
+            fact.task
+            for fact in self.central.facts
+            if isinstance(fact, Reached) and fact.moments & moment
+        ]

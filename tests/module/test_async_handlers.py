@@ -1,4 +1,6 @@
-"""``async def`` handlers: what they may await, what goes on meanwhile, how they end, and circles through ``await``."""
+"""``async def`` handlers: what they may await, what goes on meanwhile, how they end, and circles
+through ``await``.
+"""
 
 import asyncio
 import queue
@@ -11,7 +13,18 @@ import pytest
 from module.real_central import SOON, until
 from module.robot import COLLISION, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
 
-from tca_module import Client, Command, MisuseError, Module, Outcome, Query, QueryFailed, Task, TaskFailed, TaskKilled
+from tca_module import (
+    Client,
+    Command,
+    MisuseError,
+    Module,
+    Outcome,
+    Query,
+    QueryFailed,
+    Task,
+    TaskFailed,
+    TaskKilled,
+)
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Failed, Received, RequestRefused, Returned
@@ -19,7 +32,9 @@ from tca_wire.packets.codec import unpack_to_central
 from tca_wire.packets.headers import Await
 
 
-def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(legs: Module, user: Client) -> None:
+def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(
+    legs: Module, user: Client
+) -> None:
     loops, went_on = [], threading.Event()
 
     @legs.handles(REST)
@@ -43,7 +58,10 @@ def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(legs:
 def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
-        awaited, waited_for = await task.query_send(TEMPERATURE), task.query(TEMPERATURE, timeout=SOON)
+        awaited, waited_for = (
+            await task.query_send(TEMPERATURE),
+            task.query(TEMPERATURE, timeout=SOON),
+        )
         return [int(awaited), int(waited_for)]
 
     class Legs:
@@ -76,7 +94,9 @@ def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: Lo
 
     with legs.running(), eyes.running():
         user.goal(WALK, Arc(1.0, 1)).result(SOON)
-    moves = [fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]
+    moves = [
+        fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"
+    ]
     assert [fact.parent for fact in moves] == [1, 1, 1]
 
 
@@ -89,16 +109,23 @@ def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
         assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
 
 
-def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(legs: Module, user: Client) -> None:
+def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
+    legs: Module, user: Client
+) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return task.query(STANCE, radius - 1, timeout=SOON) if radius > 1 else [1]
 
-    with legs.running(), pytest.raises(QueryFailed, match=r"blocked by a call of its own thread: await that one"):
+    with (
+        legs.running(),
+        pytest.raises(QueryFailed, match=r"blocked by a call of its own thread: await that one"),
+    ):
         user.query(STANCE, 2.0, timeout=SOON)
 
 
-def test_an_answer_may_be_awaited_only_so_long(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_an_answer_may_be_awaited_only_so_long(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         pending = task.query_send(TEMPERATURE)
@@ -119,7 +146,12 @@ def test_an_answer_may_be_awaited_only_so_long(legs: Module, user: Client, centr
 
 @pytest.mark.parametrize("ends_well", [False, True])
 def test_a_killed_task_is_cancelled_where_it_awaits(
-    legs: Module, user: Client, central: LocalCentral, caplog: pytest.LogCaptureFixture, *, ends_well: bool
+    legs: Module,
+    user: Client,
+    central: LocalCentral,
+    caplog: pytest.LogCaptureFixture,
+    *,
+    ends_well: bool,
 ) -> None:
     cleaned = queue.Queue[tuple[str, bool]]()
 
@@ -212,7 +244,9 @@ def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user
             user.command(STOP).result(SOON)
 
 
-def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(legs: Module, user: Client) -> None:
+def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(
+    legs: Module, user: Client
+) -> None:
     ends = queue.Queue[str]()
 
     @legs.handles(REST)
@@ -233,7 +267,9 @@ def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(legs: Mod
     assert ends.get(timeout=SOON) == "cleaned"
 
 
-def test_a_module_ends_when_something_in_its_loop_wants_to_leave(legs: Module, user: Client) -> None:
+def test_a_module_ends_when_something_in_its_loop_wants_to_leave(
+    legs: Module, user: Client
+) -> None:
     @legs.handles(REST)
     async def rest(task: Task) -> None:
         asyncio.get_running_loop().call_soon(lambda: sys.exit(7))
@@ -253,12 +289,15 @@ def test_only_async_handlers_await(user: Client) -> None:
         return await user.query_send(TEMPERATURE)
 
     with pytest.raises(
-        MisuseError, match="query 'temperature' is awaited where no async handler runs: wait for it with"
+        MisuseError,
+        match="query 'temperature' is awaited where no async handler runs: wait for it with",
     ):
         asyncio.run(script())
 
 
-def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_a_coroutine_does_not_await_a_central_that_is_silent(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     ended = queue.Queue[str]()
 
     @legs.handles(REST)
@@ -276,7 +315,9 @@ def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user:
         assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)
 
 
-def test_who_awaits_many_tells_central_so_in_one_packet(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_who_awaits_many_tells_central_so_in_one_packet(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     asked, count, began = Query("asked", int, reply=int), 100, threading.Event()
     eyes, packets = Module("eyes", central), list[Any]()
     taken = central.take
@@ -304,7 +345,7 @@ def test_who_awaits_many_tells_central_so_in_one_packet(central: LocalCentral, u
     assert [kinds for kinds in packets if Await in kinds] == [[Await] * count]
 
 
-# --- Circles through ``await`` ---------------------------------------------------------------------------------------
+# --- Circles through ``await`` --------------------------------------------------------------------
 
 
 DRAW, MAP = Command("draw"), Command("map")
@@ -339,7 +380,9 @@ async def in_a_task(awaited: Awaitable[Any]) -> Any:
 
 
 async def as_the_first(awaited: Awaitable[Any]) -> Any:
-    done, _ = await asyncio.wait([asyncio.create_task(alone(awaited))], return_when=asyncio.FIRST_COMPLETED)
+    done, _ = await asyncio.wait(
+        [asyncio.create_task(alone(awaited))], return_when=asyncio.FIRST_COMPLETED
+    )
     return done.pop().result()
 
 
@@ -379,7 +422,9 @@ class Circle:
 
 
 @pytest.mark.parametrize("how", [alone, gathered, in_a_group, in_a_task, as_the_first, in_time])
-def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(how: How, central: LocalCentral, user: Client) -> None:
+def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(
+    how: How, central: LocalCentral, user: Client
+) -> None:
     text, outcomes = Circle(central, how).outcomes(user)
     assert outcomes == [Outcome.DONE, Outcome.FAILED]
     assert text.startswith("deadlock: ")
@@ -404,7 +449,9 @@ class Device:
 
 
 async def beside_a_device(awaited: Awaitable[Any], device: Device) -> None:
-    """It waits for the map, while an asyncio task beside holds the legs until the device is ready."""
+    """It waits for the map, while an asyncio task beside holds the legs until the device is
+    ready.
+    """
     beside = asyncio.create_task(device.wait())
     await awaited
     await beside
@@ -426,26 +473,41 @@ async def for_the_device(awaited: Awaitable[Any], device: Device) -> None:
 async def with_a_shield(awaited: Awaitable[Any], device: Device) -> None:
     beside = asyncio.ensure_future(alone(awaited))
     waiting = asyncio.create_task(device.wait())
-    await asyncio.wait([asyncio.shield(beside), asyncio.shield(waiting)], return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait(
+        [asyncio.shield(beside), asyncio.shield(waiting)], return_when=asyncio.FIRST_COMPLETED
+    )
     beside.cancel()
 
 
 def told(central: LocalCentral) -> set[str]:
     """The messages of the coroutines that central takes to wait."""
     core = central.core
-    waits = [wait for connection in list(core.blocked) for wait in list(connection.waits.values()) if wait.together]
+    waits = [
+        wait
+        for connection in list(core.blocked)
+        for wait in list(connection.waits.values())
+        if wait.together
+    ]
     handled = [core.dispatcher.running.get(wait.origin) for wait in waits]
     return {delivery.message.name for delivery in handled if delivery is not None}
 
 
-@pytest.mark.parametrize("how", [beside_a_device, for_the_first_of_both, for_the_device, with_a_shield])
+@pytest.mark.parametrize(
+    "how", [beside_a_device, for_the_first_of_both, for_the_device, with_a_shield]
+)
 def test_a_handler_that_something_else_may_bring_on_is_not_refused(
-    how: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]], central: LocalCentral, user: Client
+    how: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
+    central: LocalCentral,
+    user: Client,
 ) -> None:
-    """Of what is awaited besides central's answers nothing is known. Somebody else, who can be seen to wait, is waited
-    for twice, so that there was time enough to be wrong.
+    """Of what is awaited besides central's answers nothing is known. Somebody else, who can be seen
+    to wait, is waited for twice, so that there was time enough to be wrong.
     """
-    eyes, maps, control = Module("eyes", central), Module("maps", central), Module("control", central)
+    eyes, maps, control = (
+        Module("eyes", central),
+        Module("maps", central),
+        Module("control", central),
+    )
     made: list[Device] = []
     go_on = threading.Event()
 

@@ -1,4 +1,6 @@
-"""Functions that a module's threads call between messages: at times, and when files have something to read."""
+"""Functions that a module's threads call between messages: at times, and when files have something
+to read.
+"""
 
 import math
 import queue
@@ -168,7 +170,9 @@ def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
     assert called == [101.0, 107.0, 0.0]
 
 
-def test_a_file_that_was_closed_is_no_longer_waited_for(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_file_that_was_closed_is_no_longer_waited_for(
+    clock: Clock, caplog: pytest.LogCaptureFixture
+) -> None:
     called: list[str] = []
     watch = clock.callbacks.on_readable(77, lambda: called.append("readable"))
     clock.begin()
@@ -216,7 +220,9 @@ def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user:
 
     @legs.handles(TEMPERATURE, resource="arm")
     def temperature(task: Task) -> float:
-        legs.after(0.0, lambda: threads.put("callback " + threading.current_thread().name), resource="arm")
+        legs.after(
+            0.0, lambda: threads.put("callback " + threading.current_thread().name), resource="arm"
+        )
         go.wait(SOON)
         threads.put("handler " + threading.current_thread().name)
         return 36.6
@@ -226,7 +232,9 @@ def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user:
         go.set()
         assert pending.receive(SOON) == 36.6
         assert [threads.get(timeout=SOON) for _ in range(2)] == ["handler arm 1", "callback arm 1"]
-        with pytest.raises(MisuseError, match="resource 'leg' of module 'legs' has no thread: before run"):
+        with pytest.raises(
+            MisuseError, match="resource 'leg' of module 'legs' has no thread: before run"
+        ):
             legs.after(0.0, print, resource="leg")
 
 
@@ -254,7 +262,9 @@ def test_files_times_and_coroutines_share_a_thread(
     async def stance(task: Task, radius: float) -> list[int]:
         return [int(radius)]
 
-    legs.on_readable(near, lambda: heard.put((threading.current_thread().name, near.recv(100))), resource="legs")
+    legs.on_readable(
+        near, lambda: heard.put((threading.current_thread().name, near.recv(100))), resource="legs"
+    )
     legs.every(0.01, resource="legs")(lambda: beats.put(threading.current_thread().name))
     with legs.running():
         for number in range(3):
@@ -264,7 +274,9 @@ def test_files_times_and_coroutines_share_a_thread(
             assert beats.get(timeout=SOON) == "legs 1"
 
 
-def test_a_closed_file_is_noticed_by_the_thread(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_closed_file_is_noticed_by_the_thread(
+    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
     """With and without an event loop."""
     rang = queue.Queue[str]()
 
@@ -287,7 +299,7 @@ def test_a_closed_file_is_noticed_by_the_thread(legs: Module, user: Client, capl
     assert caplog.text.count("was closed") == 2
 
 
-# --- When timers are due, on a clock of the test's own ---------------------------------------------------------------
+# --- When timers are due, on a clock of the test's own --------------------------------------------
 
 
 def test_what_is_due_once() -> None:

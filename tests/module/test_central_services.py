@@ -75,7 +75,10 @@ def test_who_is_there_and_handles_what(walkers: Module, user: Client) -> None:
         known = {info.name: info for info in user.modules()}
         assert set(known) == {"legs", "user"}
         assert known["legs"].handles == ("move leg", "temperature")
-        assert [(part.name, part.capacity) for part in known["legs"].resources] == [("legs", 2), ("thermometer", 1)]
+        assert [(part.name, part.capacity) for part in known["legs"].resources] == [
+            ("legs", 2),
+            ("thermometer", 1),
+        ]
         assert known["user"].resources == ()
         assert user.handlers(MOVE_LEG) == [HandlerInfo("legs", "legs", 2, "both", 3, 0)]
         assert user.handlers(STANCE) == []
@@ -102,7 +105,9 @@ def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> 
     )
 
 
-def test_a_module_serves_when_what_it_requires_is_handled(walkers: Module, central: LocalCentral, user: Client) -> None:
+def test_a_module_serves_when_what_it_requires_is_handled(
+    walkers: Module, central: LocalCentral, user: Client
+) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
     planner.handles(STANCE)(lambda task, _: [int(task.query(TEMPERATURE))])
     started = Started(planner)
@@ -123,7 +128,10 @@ def test_what_a_module_handles_itself_it_need_not_wait_for(central: LocalCentral
 
 
 def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
-    central: LocalCentral, user: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    central: LocalCentral,
+    user: Client,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
     monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
@@ -143,8 +151,13 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
 def test_modules_that_require_each_other_are_told_at_once(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Each would wait for the other for ever; one that another module still may handle is not named."""
-    legs, planner = Module("legs", central, requires=[STANCE]), Module("planner", central, requires=[MOVE_LEG, ALARM])
+    """Each would wait for the other for ever; one that another module still may handle is not
+    named.
+    """
+    legs, planner = (
+        Module("legs", central, requires=[STANCE]),
+        Module("planner", central, requires=[MOVE_LEG, ALARM]),
+    )
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with caplog.at_level(logging.WARNING):
@@ -185,23 +198,41 @@ def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") ->
     with walkers.running():
         pass
     assert {told.get(timeout=SOON) for _ in range(6)} == {
-        "legs", ("move leg", 1), ("temperature", 1), ("move leg", 0), ("temperature", 0), ("legs", "it said goodbye"),
-    }  # fmt: skip
+        "legs",
+        ("move leg", 1),
+        ("temperature", 1),
+        ("move leg", 0),
+        ("temperature", 0),
+        ("legs", "it said goodbye"),
+    }
 
 
-def test_commands_that_people_type_are_not_told_of(central: LocalCentral, told: "queue.SimpleQueue[Any]") -> None:
+def test_commands_that_people_type_are_not_told_of(
+    central: LocalCentral, told: "queue.SimpleQueue[Any]"
+) -> None:
     """Who suspends the robot when a module leaves would do so for each ``tca status``."""
     with connect("tca status", central) as first, connect("tca status", central):
         assert "tca status" in {one.name for one in first.modules()}
     with connect("operator panel", central):
         pass
-    assert [told.get(timeout=SOON) for _ in range(2)] == ["operator panel", ("operator panel", "it said goodbye")]
-    assert sum(isinstance(fact, ModuleLeft) and fact.module.startswith("tca status") for fact in central.facts) == 2
+    assert [told.get(timeout=SOON) for _ in range(2)] == [
+        "operator panel",
+        ("operator panel", "it said goodbye"),
+    ]
+    assert (
+        sum(
+            isinstance(fact, ModuleLeft) and fact.module.startswith("tca status")
+            for fact in central.facts
+        )
+        == 2
+    )
 
 
 def test_notices_are_central_s(user: Client) -> None:
     sender: Any = user
-    with pytest.raises(MisuseError, match=r"broadcast\(\) takes messages of class Broadcast, not Notice\('tca: "):
+    with pytest.raises(
+        MisuseError, match=r"broadcast\(\) takes messages of class Broadcast, not Notice\('tca: "
+    ):
         sender.broadcast(MODULE_LEFT, Departure("legs", "a joke"))
     with pytest.raises(Refused, match="names that begin with 'tca: ' are central's own"):
         user.inform(Inform("tca: news", int), 5)
@@ -210,7 +241,7 @@ def test_notices_are_central_s(user: Client) -> None:
     user.inform(POSITION, POSITION.data.kind(1.0, 1))
 
 
-# --- Shared variables ------------------------------------------------------------------------------------------------
+# --- Shared variables -----------------------------------------------------------------------------
 
 
 POSE = Variable("pose", Arc)
@@ -229,7 +260,10 @@ def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) 
 def test_a_variable_that_was_never_set(user: Client) -> None:
     with pytest.raises(VariableNotSet) as unset:
         user.get_variable(MODE)
-    assert str(unset.value) == "variable 'mode' was never set: set it first, watch it, or give a default"
+    assert (
+        str(unset.value)
+        == "variable 'mode' was never set: set it first, watch it, or give a default"
+    )
     assert isinstance(unset.value, LookupError)
     assert user.get_variable(MODE, None) is None
     assert user.get_variable(MODE, "idle") == "idle"
@@ -239,7 +273,9 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
 
 
 @pytest.mark.usefixtures("attentive")
-def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(central: LocalCentral, user: Client) -> None:
+def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(
+    central: LocalCentral, user: Client
+) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()
     view.handles(MODE)(lambda _, mode: seen.put(mode))
     with view.running():
@@ -265,10 +301,14 @@ def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
         assert done.wait(SOON)
         assert legs.get_variable(MODE) == "at 7"
     received = [fact for fact in central.facts if isinstance(fact, Received)]
-    assert [(fact.message, fact.origin) for fact in received] == [("position", 0), ("pose", 1), ("mode", 1)]
+    assert [(fact.message, fact.origin) for fact in received] == [
+        ("position", 0),
+        ("pose", 1),
+        ("mode", 1),
+    ]
 
 
-# --- Locks and reservations, as modules use them, and those that were taken away -------------------------------------
+# --- Locks and reservations, as modules use them, and those that were taken away ------------------
 
 
 MOVE = Command("move", int)
@@ -276,7 +316,9 @@ WHERE = Query("where", reply=int)
 ASK = Query("ask", reply=int)
 
 
-def test_while_a_resource_is_locked_nobody_gets_in(central: LocalCentral, legs: Module, user: Client) -> None:
+def test_while_a_resource_is_locked_nobody_gets_in(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
     moved: list[int] = []
     legs.handles(MOVE)(lambda _, number: moved.append(number))
     with legs.running(), connect("other", central) as other:
@@ -295,7 +337,9 @@ def resources(user: Client) -> list[ResourceInfo]:
     return [resource for module in user.modules() for resource in module.resources]
 
 
-def test_a_reservation_lets_in_what_its_module_sends(central: LocalCentral, legs: Module, user: Client) -> None:
+def test_a_reservation_lets_in_what_its_module_sends(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
     moved: list[int] = []
     legs.handles(MOVE)(lambda _, number: moved.append(number))
     with legs.running(), connect("other", central) as other:
@@ -324,7 +368,9 @@ def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
         assert user.query(ASK, timeout=10) == 7
 
 
-def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: Module, user: Client) -> None:
+def test_whoever_waits_too_long_is_told_who_has_it(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running(), connect("other", central) as other:
         with user.lock("legs"):
@@ -366,7 +412,7 @@ def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
         other.lock("legs", timeout=5).release()
 
 
-# --- A lock or reservation that was taken away -----------------------------------------------------------------------
+# --- A lock or reservation that was taken away ----------------------------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -413,7 +459,9 @@ def taken_away(central: LocalCentral) -> None:
 
 
 @pytest.mark.usefixtures("moving")
-def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(eyes: Module, user: Client) -> None:
+def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(
+    eyes: Module, user: Client
+) -> None:
     scans = Scans(eyes)
     with eyes.running():
         scan = user.command(SCAN)
@@ -429,7 +477,9 @@ def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(eyes:
 
 
 @pytest.mark.usefixtures("moving")
-def test_an_error_that_leaves_the_block_is_not_replaced(eyes: Module, user: Client, central: LocalCentral) -> None:
+def test_an_error_that_leaves_the_block_is_not_replaced(
+    eyes: Module, user: Client, central: LocalCentral
+) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         with task.lock("legs"):
@@ -441,12 +491,16 @@ def test_an_error_that_leaves_the_block_is_not_replaced(eyes: Module, user: Clie
 
 
 @pytest.mark.usefixtures("moving")
-def test_who_releases_without_a_block_is_told_once(eyes: Module, user: Client, central: LocalCentral) -> None:
+def test_who_releases_without_a_block_is_told_once(
+    eyes: Module, user: Client, central: LocalCentral
+) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         claim = task.reserve("legs")
         taken_away(central)
-        with pytest.raises(LockLost, match="the reservation of resource 'legs' was lost before it was released"):
+        with pytest.raises(
+            LockLost, match="the reservation of resource 'legs' was lost before it was released"
+        ):
             claim.release()
         claim.release()
 
@@ -465,7 +519,10 @@ def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentr
         assert not claim.held
         with pytest.raises(LockLost, match="the connection to central was lost"):
             claim.release()
-        with pytest.raises(LockLost, match="the connection to central was lost"), other.lock("legs"):
+        with (
+            pytest.raises(LockLost, match="the connection to central was lost"),
+            other.lock("legs"),
+        ):
             central.cut("other")
 
 
@@ -481,7 +538,10 @@ def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
 @pytest.mark.usefixtures("moving")
 def test_central_was_restarted_inside_the_block(user: Client, central: LocalCentral) -> None:
     """A client learns it when it next says something: at the end of the block at the latest."""
-    with pytest.raises(LockLost, match="central was restarted and has forgotten it"), user.lock("legs"):
+    with (
+        pytest.raises(LockLost, match="central was restarted and has forgotten it"),
+        user.lock("legs"),
+    ):
         central.restart("afresh")
     with connect("other", central) as other:
         other.wait_until_handled(MOVE, timeout=SOON)

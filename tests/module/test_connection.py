@@ -45,7 +45,9 @@ Script = Callable[[ToCentral], list[ToModule]]
 
 
 class ScriptedCentral:
-    """A transport whose far end answers each header as *script* says; waiting takes time on its own clock."""
+    """A transport whose far end answers each header as *script* says; waiting takes time on its own
+    clock.
+    """
 
     address = "ipc://scripted"
 
@@ -142,14 +144,18 @@ def test_nobody_answers_hello(*, is_there: bool) -> None:
     central = ScriptedCentral(lambda _: [])
     central.is_there = is_there
     connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
-    with pytest.raises(CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"):
+    with pytest.raises(
+        CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"
+    ):
         connection.open()
     assert 105 <= central.now <= 106.5
     assert len(central.heard) == 5 * is_there  # Hello, once a second
 
 
 def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
-    """One from before Hello had its last field says so, without a number: it could not read that, either."""
+    """One from before Hello had its last field says so, without a number: it could not read that,
+    either.
+    """
     said = "a header is no message to central: Expected `array` of at most length 8, got 9"
     central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, said)])
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
@@ -179,7 +185,9 @@ def test_a_refused_format_is_declared_anew_next_time() -> None:
         )
     )
     for _ in range(2):
-        with pytest.raises(FormatRefused, match="declaring goal 'walk' was refused: two formats") as caught:
+        with pytest.raises(
+            FormatRefused, match="declaring goal 'walk' was refused: two formats"
+        ) as caught:
             connection.declare(WALK)
         assert (caught.value.refusal, caught.value.text) == (Refusal.FORMAT, "two formats")
     assert len(central.heard) == 2
@@ -209,7 +217,9 @@ def test_a_wait_of_no_time_takes_what_is_there() -> None:
 def test_what_central_does_not_acknowledge_is_given_up() -> None:
     connection, central = connected()
     central.beat()
-    with pytest.raises(Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central is alive"):
+    with pytest.raises(
+        Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central is alive"
+    ):
         connection.call(Send(0, "x"), "goal 'x'")
     central.packets.clear()
     central.say(Unknown())
@@ -248,12 +258,20 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
 def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
     connection, central = connected()
     central.is_there = False
-    requests = [connection.request(Send(0, f"{number}"), bytes(6 << 20), wants_answer=True) for number in range(3)]
+    requests = [
+        connection.request(Send(0, f"{number}"), bytes(6 << 20), wants_answer=True)
+        for number in range(3)
+    ]
     central.is_there, central.room = True, 2
     assert not connection.wait(requests[2], 0.3, "query")
-    assert [getattr(header, "message", "") for header in central.heard] == ["", "0"]  # Hello, and the first of them
+    assert [getattr(header, "message", "") for header in central.heard] == [
+        "",
+        "0",
+    ]  # Hello, and the first of them
     central.is_there, central.room = True, -1
-    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    central.script = lambda header: (
+        [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    )
     assert not connection.wait(requests[2], 0.3, "query")
     assert [getattr(header, "message", "") for header in central.heard][2:] == ["", "1", "2"]
     assert requests[0].lost
@@ -285,16 +303,22 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
 
 
-# --- what is ahead ---------------------------------------------------------------------------------------------------
+# --- what is ahead --------------------------------------------------------------------------------
 
 
 class Ear:
-    """A slot whose first message is followed by what *news* brings in; it handles what is *slow* for so long."""
+    """A slot whose first message is followed by what *news* brings in; it handles what is *slow*
+    for so long.
+    """
 
-    def __init__(self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0) -> None:
+    def __init__(
+        self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0
+    ) -> None:
         self.connection, self.central = connected()
         self.begun: list[int] = []
-        self.told: list[bool] = []  #: for each begun, whether central had been told by then what is given back
+        self.told: list[
+            bool
+        ] = []  #: for each begun, whether central had been told by then what is given back
         self.connection.waiting.handle_delivery = self.attend
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
         self.news, self.slow, self.is_nested = news, slow, is_nested
@@ -311,7 +335,9 @@ class Ear:
     def serve(self) -> list[int]:
         """Handle all that comes; the deliveries that were begun."""
         self.central.say(Deliver(8, "note"))
-        self.connection.serve(lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False)
+        self.connection.serve(
+            lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False
+        )
         return self.begun
 
 
@@ -332,11 +358,15 @@ def test_what_is_given_back_does_not_wait_for_the_handler_of_what_is_kept() -> N
 
 
 def test_nothing_that_is_ahead_is_begun_when_the_module_ends() -> None:
-    assert Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9).serve() == [8, 9]
+    assert Ear(
+        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9
+    ).serve() == [8, 9]
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
-def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(*, is_forgotten: bool) -> None:
+def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(
+    *, is_forgotten: bool
+) -> None:
     ear = Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={9: STALL + 0.1})
     begun_when_asked: list[list[int]] = []
 
@@ -352,7 +382,7 @@ def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(*, is_fo
     assert begun_when_asked[0] == [8, 9]
 
 
-# --- central is gone -------------------------------------------------------------------------------------------------
+# --- central is gone ------------------------------------------------------------------------------
 
 
 def test_a_silent_central_is_asked_and_then_given_up() -> None:
@@ -375,12 +405,18 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
         (headers.Lock(0, "camera", origin=7), "begin anew"),
     ],
 )
-def test_what_was_lost_with_central_raises_and_says_what_to_do(asked: ToCentral, advice: str) -> None:
+def test_what_was_lost_with_central_raises_and_says_what_to_do(
+    asked: ToCentral, advice: str
+) -> None:
     connection, central = connected()
     request = connection.request(asked, wants_answer=True)
-    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    central.script = lambda header: (
+        [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    )
     central.say(Unknown())
-    with pytest.raises(CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"):
+    with pytest.raises(
+        CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"
+    ):
         connection.wait(request, None, "the answer")
 
 
@@ -400,7 +436,9 @@ def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(3):
         connection.post(Send(0, "position"), b"")
     assert connection.session.dropped == 3
-    assert caplog.messages == ["central at ipc://scripted is not there: informs and broadcasts are lost"]
+    assert caplog.messages == [
+        "central at ipc://scripted is not there: informs and broadcasts are lost"
+    ]
 
 
 def test_central_comes_back_for_a_connection_that_serves() -> None:
@@ -412,7 +450,9 @@ def test_central_comes_back_for_a_connection_that_serves() -> None:
     def come_back() -> bool:
         if central.now > 200 and not central.is_there:
             central.is_there = True
-            central.script = lambda header: [Unknown()] if isinstance(header, Register) else friendly(header)
+            central.script = lambda header: (
+                [Unknown()] if isinstance(header, Register) else friendly(header)
+            )
             central.say(Deliver(8, "walk"), at=central.now + 5)
         return bool(stop)
 
@@ -435,7 +475,7 @@ def test_hello_is_said_again_soon_after_a_packet_that_did_not_leave() -> None:
     assert Hello in map(type, central.heard)
 
 
-# --- silence ---------------------------------------------------------------------------------------------------------
+# --- silence --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
@@ -466,7 +506,9 @@ def test_a_late_answer_names_the_silence_before_it() -> None:
     connection, central = connected()
     central.script = lambda _: []
     central.say(Beat(), at=central.now + 6.0)  # the network is back
-    with pytest.raises(Timeout, match=r"not acknowledged within 7 s, central was not heard for 6\.0 s of it"):
+    with pytest.raises(
+        Timeout, match=r"not acknowledged within 7 s, central was not heard for 6\.0 s of it"
+    ):
         connection.call(Register(0, []), "the declaration", within=7.0)
     central.beat()
     with pytest.raises(Timeout, match="alive: it is overloaded"):

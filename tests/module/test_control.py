@@ -66,11 +66,15 @@ class Robot:
     def rest(self, task: Task) -> None:
         self.held.release()
         self.go_on.acquire(timeout=10)
-        self.said.append("suspended" if task.suspended else "cancelled" if task.cancelled else "rested")
+        self.said.append(
+            "suspended" if task.suspended else "cancelled" if task.cancelled else "rested"
+        )
 
     def higher(self, task: Task, rock: float) -> None:
         trouble = task.trouble
-        self.said.append(f"{trouble.failure} at {rock}, attempt {trouble.attempts}, {trouble.failing.message}")
+        self.said.append(
+            f"{trouble.failure} at {rock}, attempt {trouble.attempts}, {trouble.failing.message}"
+        )
         if trouble.attempts > 1:
             raise trouble.reissue()
         trouble.failing.retry(MOVE, trouble.failing.data(MOVE) + 0.05)
@@ -96,12 +100,22 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user
     assert task.wait(timeout=5) is Outcome.RESOLVED
     with pytest.raises(TaskFailed, match="an exception handler resolved it"):
         task.result()
-    attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "rock at 0.3, attempt 2, move"]
+    attempts = [
+        "move 0.1",
+        "rock at 0.3, attempt 1, move",
+        f"move {0.1 + 0.05}",
+        "rock at 0.3, attempt 2, move",
+    ]
     assert them.said[-5:] == [*attempts, "shrug"]
 
 
-def test_exception_handlers_travel_with_the_task_and_can_be_removed(them: Robot, user: Client) -> None:
-    assert user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5) is Outcome.RESOLVED
+def test_exception_handlers_travel_with_the_task_and_can_be_removed(
+    them: Robot, user: Client
+) -> None:
+    assert (
+        user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5)
+        is Outcome.RESOLVED
+    )
     ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
     assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.RESOLVED
     attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "shrug"]
@@ -111,7 +125,9 @@ def test_exception_handlers_travel_with_the_task_and_can_be_removed(them: Robot,
     assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
-def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(them: Robot, user: Client) -> None:
+def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(
+    them: Robot, user: Client
+) -> None:
     resting = user.command(REST)
     moving = user.command(MOVE, 0.5)
     them.held.acquire(timeout=5)
@@ -134,7 +150,10 @@ def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None
     assert late.wait(timeout=5) is Outcome.RESOLVED
     moved = user.command(MOVE, 0.5)
     delayed = user.command(
-        MOVE, 0.6, sequential=False, constraints=[moved.achieving.end + 0.05 <= this.achieving.start]
+        MOVE,
+        0.6,
+        sequential=False,
+        constraints=[moved.achieving.end + 0.05 <= this.achieving.start],
     )
     assert delayed.result(timeout=5) == 0.6
     doomed = user.command(REST, delay=100.0)
@@ -206,7 +225,9 @@ def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
-def test_a_wiretap_calls_at_once_for_what_is_past_and_once(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     told = Inform("told")
     heard: list[TaskRef | None] = []
     legs.handles(MOVE)(lambda _, height: height)
@@ -220,7 +241,9 @@ def test_a_wiretap_calls_at_once_for_what_is_past_and_once(central: LocalCentral
         for condition in (Condition.WHEN_SENT, Condition.AFTER_HANDLED):
             user.tap(condition, moves[0], told, at_once=True)
         user.command(MOVE, 1.0).wait(SOON)  # behind all that was sent to the legs
-        assert sorted(one.id for one in heard if one) == sorted([one.id for one in moves] + [moves[0].id] * 2)
+        assert sorted(one.id for one in heard if one) == sorted(
+            [one.id for one in moves] + [moves[0].id] * 2
+        )
         with pytest.raises(Refused, match="its data are forgotten: send the task with keep=True"):
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
@@ -283,7 +306,9 @@ def test_relatives_of_a_task(them: Robot, user: Client) -> None:
         assert (parent.id, parent.message) == (walk.id, "walk")
         assert [one.id for one in waiting.ancestors()] == [walk.id]
         assert walk.parent() is None
-        with pytest.raises(Timeout, match=r"end achieving task \d+ \('move'\) was not reached within 0 s"):
+        with pytest.raises(
+            Timeout, match=r"end achieving task \d+ \('move'\) was not reached within 0 s"
+        ):
             waiting.wait(0)
         assert waiting.wait_for(walk.handling.end, timeout=5) is Outcome.DONE
         walk.kill()
@@ -321,7 +346,7 @@ def test_point_monitors_stand_in_blocks_like_tasks(them: Robot, user: Client) ->
     assert them.said == ["rested", "move 0.5"]
 
 
-# --- Demon monitors, and what the parts of monitors get as data ------------------------------------------------------
+# --- Demon monitors, and what the parts of monitors get as data -----------------------------------
 
 
 GO, WATCH, FETCH, OTHER = Goal("go"), Command("watch"), Command("fetch", str), Command("other", int)
@@ -331,7 +356,9 @@ BUMPS = DemonMonitor("bumps", set_up=WATCH)
 NUDGES = DemonMonitor("nudges")
 
 
-def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes: Module, user: Client) -> None:
+def test_a_monitor_is_fired_with_its_action_and_nothing_else(
+    legs: Module, eyes: Module, user: Client
+) -> None:
     fetched, errors = list[str](), queue.Queue[str]()
     legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
 
@@ -345,7 +372,9 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes:
         cups = user.monitor(CUPS, maximum=1)
         for_handlers = errors.get(timeout=SOON)
         assert "can't be fired with command 'other': its action is 'fetch'" in for_handlers
-        with pytest.raises(MisuseError, match="can't be fired with command 'other': its action is 'fetch'"):
+        with pytest.raises(
+            MisuseError, match="can't be fired with command 'other': its action is 'fetch'"
+        ):
             cups.fire(OTHER, 7)
         with pytest.raises(MisuseError, match="can't be fired with None: its action is 'fetch'"):
             cups.fire()
@@ -354,7 +383,9 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes:
     assert fetched == ["blue"]
 
 
-def test_a_handler_fires_any_monitor_by_its_task_or_by_name(legs: Module, eyes: Module, user: Client) -> None:
+def test_a_handler_fires_any_monitor_by_its_task_or_by_name(
+    legs: Module, eyes: Module, user: Client
+) -> None:
     asked, fired = queue.Queue[str](), list[bool]()
     watch = PollingMonitor("watch the dark", condition=IS_DARK)
 
@@ -381,14 +412,18 @@ def test_a_handler_fires_any_monitor_by_its_task_or_by_name(legs: Module, eyes: 
     assert fired == [True, True, False]
 
 
-def test_a_monitor_without_an_action_is_fired_without_one(eyes: Module, central: LocalCentral, user: Client) -> None:
+def test_a_monitor_without_an_action_is_fired_without_one(
+    eyes: Module, central: LocalCentral, user: Client
+) -> None:
     eyes.handles(WATCH)(lambda _: None)
     with eyes.running():
         bumps = user.monitor(BUMPS, maximum=2)
         with pytest.raises(MisuseError, match=r"it needs none, fire\(\) it without a message"):
             bumps.fire(FETCH, "blue")
         assert [bumps.fire() for _ in range(3)] == [True, True, False]
-    assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == ["it has sent 2 actions"]
+    assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == [
+        "it has sent 2 actions"
+    ]
 
 
 def test_a_monitor_that_has_yet_to_begin_is_not_fired(user: Client) -> None:
@@ -426,7 +461,9 @@ def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
         assert [done.get(timeout=SOON) for _ in range(3)] == ["begin", "cup", "end"]
 
 
-def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(legs: Module, user: Client) -> None:
+def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(
+    legs: Module, user: Client
+) -> None:
     caught: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ease: ExceptionHandler[float | None] = ExceptionHandler("ease", float | None)
     legs.handles(ease)(lambda task, force: caught.put((task.trouble.failure, force)))
@@ -436,7 +473,7 @@ def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(le
         assert caught.get(timeout=SOON) == ("timeout", None)
 
 
-# --- The module that answers a monitor's condition dies, or leaves ---------------------------------------------------
+# --- The module that answers a monitor's condition dies, or leaves --------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -445,7 +482,9 @@ BATTERY = Query("battery", reply=bool)
 WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charge"))
 
 
-def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     blind = "'watch' sees nothing until somebody handles its condition 'battery'"
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
 

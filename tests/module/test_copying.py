@@ -1,4 +1,6 @@
-"""All that users may hand to another process can be pickled and copied; all that hangs on a connection says no."""
+"""All that users may hand to another process can be pickled and copied; all that hangs on a
+connection says no.
+"""
 
 import copy
 import importlib
@@ -23,9 +25,18 @@ PACKAGES = (
     "tca_behaviours.coordination",
     "tca_behaviours.activities",
 )
-OTHERS = ("tca_tools.errors", "tca_tools.explore.errors", *["tca_central.errors"] * (not is_compiled()))
+OTHERS = (
+    "tca_tools.errors",
+    "tca_tools.explore.errors",
+    *["tca_central.errors"] * (not is_compiled()),
+)
 """Those of a central of machine code have no constructor that can be asked for its arguments."""
-VALUES = {int: 3, bytes: b"\x01", Refusal: Refusal.OVERLOAD, TaskEnd: TaskEnd(Status.TIMEOUT, "slow")}
+VALUES = {
+    int: 3,
+    bytes: b"\x01",
+    Refusal: Refusal.OVERLOAD,
+    TaskEnd: TaskEnd(Status.TIMEOUT, "slow"),
+}
 
 BOUNCED = Failure("bounced", list[int])
 MOVE = Command("move", list[int], result=float, progress=dict[str, int])
@@ -38,9 +49,16 @@ def pickled(one: Any) -> Any:
 def error_classes() -> Iterator[type[BaseException]]:
     packages = [importlib.import_module(name) for name in PACKAGES]
     found = [pkgutil.walk_packages(one.__path__, f"{one.__name__}.") for one in packages]
-    for name in (*OTHERS, *(one.name for some in found for one in some if not one.name.endswith("__main__"))):
+    for name in (
+        *OTHERS,
+        *(one.name for some in found for one in some if not one.name.endswith("__main__")),
+    ):
         for kind in vars(importlib.import_module(name)).values():
-            if inspect.isclass(kind) and issubclass(kind, BaseException) and kind.__module__ == name:
+            if (
+                inspect.isclass(kind)
+                and issubclass(kind, BaseException)
+                and kind.__module__ == name
+            ):
                 yield kind
 
 
@@ -48,7 +66,11 @@ def made(kind: type[BaseException]) -> BaseException:
     """An error as its constructor wants it."""
     if not inspect.isfunction(kind.__init__):
         return kind("what was wrong")
-    hints = [hint for name, hint in get_type_hints(kind.__init__).items() if name not in ("return", "can_wait")]
+    hints = [
+        hint
+        for name, hint in get_type_hints(kind.__init__).items()
+        if name not in ("return", "can_wait")
+    ]
     return kind(*(VALUES.get(hint, [] if "Sequence" in str(hint) else "text") for hint in hints))
 
 
@@ -58,7 +80,12 @@ def test_every_error_is_the_same_when_copied(copied: Callable[[Any], Any]) -> No
         error = made(kind)
         error.add_note("a note")
         found = copied(error)
-        assert (type(found), str(found), found.args, vars(found)) == (kind, str(error), error.args, vars(error))
+        assert (type(found), str(found), found.args, vars(found)) == (
+            kind,
+            str(error),
+            error.args,
+            vars(error),
+        )
         assert getattr(found, "code", None) == getattr(error, "code", None)
 
 
@@ -66,7 +93,10 @@ def test_every_error_is_the_same_when_copied(copied: Callable[[Any], Any]) -> No
 def test_declarations_can_be_copied(copied: Callable[[Any], Any]) -> None:
     move, monitor = copied(MOVE), copied(DemonMonitor("rocks", action=MOVE))
     assert (move.format, monitor.action.format) == (MOVE.format, MOVE.format)
-    assert (move.encode_data([1]), copied(BOUNCED)([1]).body) == (MOVE.encode_data([1]), BOUNCED([1]).body)
+    assert (move.encode_data([1]), copied(BOUNCED)([1]).body) == (
+        MOVE.encode_data([1]),
+        BOUNCED([1]).body,
+    )
     assert copied(tca_module.GENERAL) == tca_module.GENERAL
 
 

@@ -1,4 +1,6 @@
-"""Real sockets: direct messages between modules (what central sees of them is in its journal), threads, files, pulses."""
+"""Real sockets: direct messages between modules (what central sees of them is in its journal),
+threads, files, pulses.
+"""
 
 import asyncio
 import os
@@ -43,7 +45,9 @@ HEARD = Inform("heard", float)
 WALK = Command("walk", float, result=float)
 
 
-def a_map(central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs) -> Module:
+def a_map(
+    central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs
+) -> Module:
     module = Module(name, central if isinstance(central, str) else central.address)
     module.handles(HEIGHT, direct=True)(lambda _, x: height(x))
     return module
@@ -80,10 +84,12 @@ def ask_until_direct(
 ) -> None:
     """Ask until the question goes directly (to a module)."""
     before = direct(central, message, module)
-    until(lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly")
+    until(
+        lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly"
+    )
 
 
-# --- Direct messages between real modules over real sockets ----------------------------------------------------------
+# --- Direct messages between real modules over real sockets ---------------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -102,7 +108,13 @@ def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: C
         assert note.wait(SOON)
         assert heard == [3.0]
     fact = central.facts(HandledDirectly)[-1]
-    assert (fact.message, fact.module, fact.resource, fact.sender, fact.size) == ("height", "map", "map", "user", 9)
+    assert (fact.message, fact.module, fact.resource, fact.sender, fact.size) == (
+        "height",
+        "map",
+        "map",
+        "user",
+        9,
+    )
     assert fact.outcome is Outcome.DONE
 
 
@@ -116,11 +128,16 @@ def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, us
             user.inform(POSE, float(number))
         until(lambda: len(seen) == 500, "all have come")
         assert seen == [float(number) for number in range(500)]
-    until(lambda: direct(central, "pose") > 500, "its last word tells of those that were not noted yet")
+    until(
+        lambda: direct(central, "pose") > 500,
+        "its last word tells of those that were not noted yet",
+    )
     assert not central.facts(LostDirectly)
 
 
-def test_a_handler_asks_directly_and_the_journal_says_for_whom(central: RealCentral, user: Client) -> None:
+def test_a_handler_asks_directly_and_the_journal_says_for_whom(
+    central: RealCentral, user: Client
+) -> None:
     walker = Module("walker", central.address)
 
     @walker.handles(WALK)
@@ -131,7 +148,10 @@ def test_a_handler_asks_directly_and_the_journal_says_for_whom(central: RealCent
     with a_map(central).running(), walker.running():
         task = user.command(WALK, -2.0)
         assert task.result(SOON) == 2.0
-    until(lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id}, "all were noted")
+    until(
+        lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id},
+        "all were noted",
+    )
 
 
 def hear_only_what_wakes(patch: pytest.MonkeyPatch) -> None:
@@ -190,7 +210,9 @@ def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: C
 
 
 def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: Client) -> None:
-    """Queries that wait at the entrance of a module which ends are answered by the next one, each once."""
+    """Queries that wait at the entrance of a module which ends are answered by the next one, each
+    once.
+    """
     gate, handled = Gate(), list[float]()
 
     def slow(x: float) -> float:
@@ -220,7 +242,9 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
     assert sorted(x for x in handled if x < 50) == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(central: RealCentral, user: Client) -> None:
+def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
+    central: RealCentral, user: Client
+) -> None:
     """While a direct handler waits, central, which does not know of it, delivers to its slot."""
     diary: list[str] = []
     module, other = Module("map", central.address), Module("other", central.address)
@@ -230,7 +254,9 @@ def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(central: RealC
         diary.append(f"height {x:g}")
         if x:
             task.query(DEPTH, x)
-            assert task.query(HEIGHT, 0.0) == 0.0  # what its own resource is asked is handled inside of the wait
+            assert (
+                task.query(HEIGHT, 0.0) == 0.0
+            )  # what its own resource is asked is handled inside of the wait
         diary.append(f"end of {x:g}")
         return x
 
@@ -272,7 +298,11 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
 
     with module.running():
         ask_until_direct(central, ask)
-        one, two, walk = user.query_send(HEIGHT, 1.0), user.query_send(HEIGHT, 2.0), user.command(WALK, 3.0)
+        one, two, walk = (
+            user.query_send(HEIGHT, 1.0),
+            user.query_send(HEIGHT, 2.0),
+            user.command(WALK, 3.0),
+        )
         walk.wait_for(walk.handling.start, SOON)  # as central sees it
         until(lambda: owed, "it was asked")
         assert len(owed) == 1
@@ -284,7 +314,9 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
         assert two.receive(SOON) == 2.5
 
 
-def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(central: RealCentral, user: Client) -> None:
+def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(
+    central: RealCentral, user: Client
+) -> None:
     gate, seen = Gate(), list[float]()
     go_on = gate.go_on
     module = a_map(central, height=lambda x: gate() or x)
@@ -298,7 +330,9 @@ def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(central: 
         pending = [user.query_send(HEIGHT, 1.0) for _ in range(500)]
         for number in range(1000):
             user.inform(POSE, float(number))
-        with pytest.raises(Refused, match=r"\d+ direct messages wait for the handler of 'height'") as refused:
+        with pytest.raises(
+            Refused, match=r"\d+ direct messages wait for the handler of 'height'"
+        ) as refused:
             user.query(HEIGHT, 2.0)
         assert refused.value.refusal is Refusal.OVERLOAD
         go_on.set()
@@ -346,10 +380,12 @@ def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
         until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
 
 
-# --- Direct messages when something breaks, dies or is foreign -------------------------------------------------------
+# --- Direct messages when something breaks, dies or is foreign ------------------------------------
 
 
-def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central: RealCentral, user: Client) -> None:
+def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(
+    central: RealCentral, user: Client
+) -> None:
     with a_map(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         connection = user._connection()
@@ -360,7 +396,9 @@ def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central:
 
 
 def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
-    """What is under way when another central comes is lost, as through central; then all is learnt anew."""
+    """What is under way when another central comes is lost, as through central; then all is learnt
+    anew.
+    """
     address = f"ipc://{tmp_path}/central.sock"
     gate = Gate()
     central = RealCentral(address)
@@ -373,7 +411,9 @@ def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
         pending = user.query_send(HEIGHT, -1.0)
         assert gate.begun.wait(SOON)
         with RealCentral(address, "another run") as central:
-            with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it"):
+            with pytest.raises(
+                CentralLost, match="central was restarted meanwhile and has forgotten it"
+            ):
                 pending.receive(SOON)
             gate.go_on.set()
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
@@ -384,14 +424,22 @@ def entrance(folder: Path) -> Path:
     return path
 
 
-def test_strangers_at_the_entrance_harm_nobody(central: RealCentral, user: Client, tmp_path: Path) -> None:
+def test_strangers_at_the_entrance_harm_nobody(
+    central: RealCentral, user: Client, tmp_path: Path
+) -> None:
     with a_map(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         path = entrance(tmp_path)
         assert path.stat().st_mode & 0o777 == 0o600
         with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
             stranger.connect(f"ipc://{path}")
-            for frames in ([b"garbage"], [b""], [b"a", b"b", b"c"], [os.urandom(1000)], [b"\xff" * 16]):
+            for frames in (
+                [b"garbage"],
+                [b""],
+                [b"a", b"b", b"c"],
+                [os.urandom(1000)],
+                [b"\xff" * 16],
+            ):
                 stranger.send_multipart(frames)
                 assert stranger.poll(int(SOON * 1000))
                 assert b"protocol" in stranger.recv()
@@ -399,9 +447,13 @@ def test_strangers_at_the_entrance_harm_nobody(central: RealCentral, user: Clien
     until(lambda: not path.exists(), "the entrance is gone")
 
 
-def test_what_killed_modules_left_behind_is_cleared_away(central: RealCentral, tmp_path: Path) -> None:
+def test_what_killed_modules_left_behind_is_cleared_away(
+    central: RealCentral, tmp_path: Path
+) -> None:
     with zmq.Context() as context, context.socket(zmq.ROUTER) as alive:
-        gone, taken, foreign = (tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes"))
+        gone, taken, foreign = (
+            tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes")
+        )
         alive.bind(f"ipc://{gone}")
         gone_too = tmp_path / "4194307-c.direct"
         gone.rename(gone_too)  # as if its process were on another machine: it still answers
@@ -423,7 +475,9 @@ def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> No
         assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_too_deep_costs_the_direct_way_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     folder = tmp_path
     while len(str(folder)) < 84:
         folder = folder / ("x" * min(10, 84 - len(str(folder))))
@@ -443,7 +497,7 @@ def test_with_a_local_central_all_goes_through_its_core() -> None:
         assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
 
 
-# --- The library over real sockets -----------------------------------------------------------------------------------
+# --- The library over real sockets ----------------------------------------------------------------
 
 
 REST_LEG = Command("rest leg")
@@ -463,12 +517,18 @@ def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
 
 
 def test_an_address_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"):
+    with pytest.raises(
+        MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"
+    ):
         connect("user", "somewhere")
 
 
-def test_coroutines_hear_all_that_arrives(central: RealCentral, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must not be missed."""
+def test_coroutines_hear_all_that_arrives(
+    central: RealCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must
+    not be missed.
+    """
     legs, eyes = Module("legs", central.address), Module("eyes", central.address, capacity=4)
     eyes.handles(STANCE)(lambda _, radius: [int(radius)])
 
@@ -476,7 +536,9 @@ def test_coroutines_hear_all_that_arrives(central: RealCentral, monkeypatch: pyt
     async def temperature(task: Task) -> float:
         total = 0
         for turn in range(50):
-            pending = [asyncio.ensure_future(task.query_send(STANCE, float(turn))) for _ in range(4)]
+            pending = [
+                asyncio.ensure_future(task.query_send(STANCE, float(turn))) for _ in range(4)
+            ]
             await asyncio.sleep(0)
             total += task.query(STANCE, 0.0)[0]
             task.command(REST_LEG, sequential=False)
@@ -497,7 +559,9 @@ def test_coroutines_hear_all_that_arrives(central: RealCentral, monkeypatch: pyt
         assert rested.wait(SOON) is Outcome.KILLED
 
 
-def test_other_threads_timers_and_files_wake_a_slot(central: RealCentral, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_threads_timers_and_files_wake_a_slot(
+    central: RealCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
     legs, jobs = Module("legs", central.address), queue.Queue[LaterReply[Footfall]]()
     near, far = socket.socketpair()
 

@@ -1,4 +1,6 @@
-"""The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled twice or forgotten."""
+"""The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled
+twice or forgotten.
+"""
 
 import logging
 from collections import deque
@@ -19,7 +21,16 @@ from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
-from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Refused, Reply, Send, Unknown, Welcome
+from tca_wire.packets.headers import (
+    PROTOCOL_VERSION,
+    Fail,
+    Hello,
+    Refused,
+    Reply,
+    Send,
+    Unknown,
+    Welcome,
+)
 from tca_wire.packets.licences import licence
 from tca_wire.packets.routes import Entrance, Loss, Noted
 from tca_wire.vocabulary import Limit, Outcome, Refusal
@@ -29,7 +40,9 @@ LICENCE = licence(KEY, "test.1")
 
 
 class Line:
-    """A line that can break: what is on its way is lost then, and the far end knows the sender under a new address."""
+    """A line that can break: what is on its way is lost then, and the far end knows the sender
+    under a new address.
+    """
 
     def __init__(self) -> None:
         self.there: deque[tuple[bytes, list[bytes]]] = deque()
@@ -102,16 +115,26 @@ class Pair:
         self.line = Line()
         self.notes = NoteBatch()
         self.inbox = Inbox(
-            Far(self.line), KEY, {"height": True, "pose": False}, self.notes, lambda: self.now, logging.getLogger("t")
+            Far(self.line),
+            KEY,
+            {"height": True, "pose": False},
+            self.notes,
+            lambda: self.now,
+            logging.getLogger("t"),
         )
         self.over: list[Request] = []
         self.handed_over: list[Request] = []
         self.lost: list[str] = []
         self.handled: list[bytes] = []
         self.path = DirectPath(
-            Entrance("ipc:///there", LICENCE), Near(self.line), "run/0/1", "user",
-            end=self.end, hand_over=self.handed_over.append, lose=lambda what, number, _: self.lost.extend([what] * number),
-        )  # fmt: skip
+            Entrance("ipc:///there", LICENCE),
+            Near(self.line),
+            "run/0/1",
+            "user",
+            end=self.end,
+            hand_over=self.handed_over.append,
+            lose=lambda what, number, _: self.lost.extend([what] * number),
+        )
 
     def end(self, request: Request) -> None:
         assert not request.is_over
@@ -146,7 +169,7 @@ class Pair:
                 self.path.receive()
 
 
-# --- The line between a sender and an entrance, without sockets ------------------------------------------------------
+# --- The line between a sender and an entrance, without sockets -----------------------------------
 
 
 @pytest.fixture
@@ -229,7 +252,9 @@ def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
     assert len(pair.handled) == 2
 
 
-def test_too_much_on_its_way_is_refused_at_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_much_on_its_way_is_refused_at_once(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
     requests = [pair.ask() for _ in range(MOST_UNDER_WAY)]
     refused = pair.ask()
     assert refused.refused == Refused(
@@ -283,7 +308,9 @@ def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
     assert not pair.path.is_needed
 
 
-def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_counted_by_it(pair: Pair) -> None:
+def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_counted_by_it(
+    pair: Pair,
+) -> None:
     for number in range(10):
         pair.path.tell(Send(0, "pose"), b"%d" % number)
     for _ in range(4):
@@ -317,8 +344,10 @@ def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
     assert (answer.outcome, answer.failure, answer.text) == (
-        Outcome.FAILED, "module lost", "module 'map' was lost: it fell",
-    )  # fmt: skip
+        Outcome.FAILED,
+        "module lost",
+        "module 'map' was lost: it fell",
+    )
 
 
 def test_who_has_left_may_have_last_words(pair: Pair) -> None:
@@ -369,8 +398,14 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((pack_item(Reply(1)),), "no message to a slot"),
         ((pack_item(Greet(PROTOCOL_VERSION, "guess", "s", "m")),), "no licence of central"),
         ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m")),), "no licence of central"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE.replace("1", "2", 1), "s", "m")),), "no licence of central"),
-        ((pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),), f"version {PROTOCOL_VERSION + 1}"),
+        (
+            (pack_item(Greet(PROTOCOL_VERSION, LICENCE.replace("1", "2", 1), "s", "m")),),
+            "no licence of central",
+        ),
+        (
+            (pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),),
+            f"version {PROTOCOL_VERSION + 1}",
+        ),
         ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is no sender"),
         ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is no sender"),
         ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
@@ -393,7 +428,9 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
     greet = Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", 1 << 61, is_first=False)
     greeting, _ = said(pair, pack_item(greet))
     assert greeting.missing == []
-    greeting, _ = said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", (1 << 61) + 10_000)))
+    greeting, _ = said(
+        pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", (1 << 61) + 10_000))
+    )
     assert len(greeting.missing) == 2000
 
 
@@ -477,7 +514,9 @@ def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str])
     poses = [body for body in life.handled if body in life.told]
     assert poses == sorted(poses, key=int)
     assert len(poses) + len(life.lost) == len(life.told)
-    assert not life.path.is_needed  # the slot has told of everything: nothing more would be lost with it
+    assert (
+        not life.path.is_needed
+    )  # the slot has told of everything: nothing more would be lost with it
 
 
 @pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])
@@ -486,7 +525,9 @@ def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, boo
     paths: list[Any] = [SimpleNamespace(is_usable=one) for one in usable]
     routes._routes = {"height": deque(paths)}
     chosen = [routes._path("height") for _ in range(4)]
-    assert {id(one) for one in chosen if one is not None} == {id(one) for one in paths if one.is_usable}
+    assert {id(one) for one in chosen if one is not None} == {
+        id(one) for one in paths if one.is_usable
+    }
     assert routes._path("unknown") is None
 
 

@@ -1,4 +1,6 @@
-"""Whatever breaks: requests reach the handler, its answers reach the client, and nobody is told a thing twice."""
+"""Whatever breaks: requests reach the handler, its answers reach the client, and nobody is told a
+thing twice.
+"""
 
 import gc
 from collections.abc import Iterator
@@ -6,10 +8,25 @@ from collections.abc import Iterator
 import pytest
 from module.real_central import SOON
 
-from tca_module import Change, Client, Command, Goal, Module, Outcome, Rejected, Task, TaskKilled, connect
+from tca_module import (
+    Change,
+    Client,
+    Command,
+    Goal,
+    Module,
+    Outcome,
+    Rejected,
+    Task,
+    TaskKilled,
+    connect,
+)
 from tca_module.testing import LocalCentral
 
-WATCH, WAVE, PLAN = Command("watch", float, result=str, progress=float), Command("wave"), Goal("plan")
+WATCH, WAVE, PLAN = (
+    Command("watch", float, result=str, progress=float),
+    Command("wave"),
+    Goal("plan"),
+)
 
 STEPPED = True  # the clock of central
 
@@ -41,7 +58,9 @@ def camera(central: LocalCentral) -> Iterator[list[str]]:
         yield heard
 
 
-def test_requests_and_answers_outlive_breaks(user: Client, camera: list[str], central: LocalCentral) -> None:
+def test_requests_and_answers_outlive_breaks(
+    user: Client, camera: list[str], central: LocalCentral
+) -> None:
     watch = user.command(WATCH, 1.0)
     progress = watch.progress(float)
     assert next(progress) == 1.0
@@ -77,7 +96,9 @@ def test_an_update_is_over_when_the_task_ends_in_a_break(
 
 
 @pytest.mark.soak
-def test_nobody_is_told_of_what_nobody_follows_any_more(user: Client, camera: list[str], central: LocalCentral) -> None:
+def test_nobody_is_told_of_what_nobody_follows_any_more(
+    user: Client, camera: list[str], central: LocalCentral
+) -> None:
     watch = user.command(WATCH, 1.0)
     watch.follow()
     called = user.command(WAVE, delay=1, sequential=False)
@@ -132,7 +153,9 @@ def test_functions_are_called_also_after_a_wait_was_broken_off(
     assert seen[-1] == "cancelled"
 
 
-def test_a_task_that_is_retried_is_initiated_again(user: Client, camera: list[str], central: LocalCentral) -> None:
+def test_a_task_that_is_retried_is_initiated_again(
+    user: Client, camera: list[str], central: LocalCentral
+) -> None:
     watch = user.command(WATCH, 1.0)
     changes = watch.changes()
     assert watch.state == "running"
@@ -140,4 +163,9 @@ def test_a_task_that_is_retried_is_initiated_again(user: Client, camera: list[st
     central.until_quiet()
     watch.cancel()
     seen = [(one.state, one.goal) for one in changes if one.transition != "result available"]
-    assert seen[-4:] == [("initiated", 5.0), ("running", 5.0), ("cancel requested", 5.0), ("cancelled", 5.0)]
+    assert seen[-4:] == [
+        ("initiated", 5.0),
+        ("running", 5.0),
+        ("cancel requested", 5.0),
+        ("cancelled", 5.0),
+    ]

@@ -1,4 +1,6 @@
-"""Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler knows of that."""
+"""Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler
+knows of that.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -79,7 +81,9 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         return f"holds {grip.item}"
 
     module.handles(WAVE)(lambda task, _: task.sleep(10))
-    module.handles(CARRY, takes=["pause", "resume"], resource="back")(lambda task, _: task.sleep(10))
+    module.handles(CARRY, takes=["pause", "resume"], resource="back")(
+        lambda task, _: task.sleep(10)
+    )
     module.handles(WALK, resource="legs")(lambda *_: None)
     with module.running():
         yield module
@@ -93,15 +97,20 @@ def told(changes: list[Change]) -> list[str]:
     return [f"{one.transition}: {one.state}" for one in changes]
 
 
-def test_a_task_is_followed_from_beginning_to_end(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_task_is_followed_from_beginning_to_end(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
     assert (grasp.state, grasp.serial) == ("initiated", 0)
     changes = grasp.changes()
     central.advance(5)
     seen = list(changes)
     assert told(seen) == [
-        "accepted: running", "result available: running", "result available: running", "completed: done",
-    ]  # fmt: skip
+        "accepted: running",
+        "result available: running",
+        "result available: running",
+        "completed: done",
+    ]
     assert [one.serial for one in seen] == [1, 2, 3, 4]
     assert [one.by for one in seen] == ["server"] * 4
     assert [one.data for one in seen] == [None, Feel(0.5), Feel(1.0), "holds pen"]
@@ -113,7 +122,9 @@ def test_a_task_is_followed_from_beginning_to_end(user: Client, arm: Module, cen
     assert {one.task.id for one in seen} == {grasp.id}
 
 
-def test_only_the_first_look_at_a_state_waits(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_only_the_first_look_at_a_state_waits(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
     assert grasp.state == "initiated"
     before = len(central.entries)
@@ -138,13 +149,18 @@ def test_the_next_change_is_waited_for(user: Client, arm: Module, central: Local
 def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral) -> None:
     wave = user.command(WAVE, 1, delay=5)
     assert wave.wait_for_state("initiated") == "initiated"
-    with pytest.raises(Timeout, match=r"command 'wave' was not running or done within 0\.01 s, but is initiated"):
+    with pytest.raises(
+        Timeout, match=r"command 'wave' was not running or done within 0\.01 s, but is initiated"
+    ):
         wave.wait_for_state("running", "done", timeout=0.01)
     central.advance(5)
     assert wave.wait_for_state("running") == "running"
     central.advance(10)
     assert wave.wait_for_state("running") == "done", "it has ended"
-    with pytest.raises(MisuseError, match="is never 'paused': life cycle 'basic' has 'initiated', 'running', 'done'"):
+    with pytest.raises(
+        MisuseError,
+        match="is never 'paused': life cycle 'basic' has 'initiated', 'running', 'done'",
+    ):
         wave.wait_for_state("paused")
     with pytest.raises(MisuseError, match=r'give one or more states, such as "running", not \(\)'):
         wave.wait_for_state()
@@ -152,15 +168,25 @@ def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral)
         wave.wait_for_state(5)  # type: ignore[arg-type]
 
 
-def test_who_comes_late_learns_how_the_task_stands(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_who_comes_late_learns_how_the_task_stands(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     user.command(GRASP, Grip("cup"))
     central.until_quiet()
     with connect("visitor", central) as visitor:
         (found,) = visitor.tasks(GRASP)
         late = found.next_change()
         assert late is not None
-        assert (late.state, late.serial, late.is_late, late.missed, late.transition) == ("running", 3, True, 0, "")
-        assert (late.goal, late.data) == ({"item": "cup"}, {"force": 1.0}), "not declared by this program: plain values"
+        assert (late.state, late.serial, late.is_late, late.missed, late.transition) == (
+            "running",
+            3,
+            True,
+            0,
+            "",
+        )
+        assert (late.goal, late.data) == ({"item": "cup"}, {"force": 1.0}), (
+            "not declared by this program: plain values"
+        )
         assert next(found.progress()) == {"force": 1.0}
         found.kill("enough")
         last = found.next_change()
@@ -168,16 +194,26 @@ def test_who_comes_late_learns_how_the_task_stands(user: Client, arm: Module, ce
         assert (last.state, last.text, last.by) == ("cancelled", "enough (by visitor)", "central")
 
 
-def test_changes_begin_with_how_a_followed_task_stands(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_changes_begin_with_how_a_followed_task_stands(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("cup"), delay=5)
     grasp.follow()
     central.advance(5)
     late = next(grasp.changes())
-    assert (late.state, late.serial, late.is_late, late.transition, late.by) == ("running", 3, True, "", "central")
+    assert (late.state, late.serial, late.is_late, late.transition, late.by) == (
+        "running",
+        3,
+        True,
+        "",
+        "central",
+    )
     assert late.data == Feel(1.0)
 
 
-def test_how_a_task_has_ended_is_known_afterwards(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_how_a_task_has_ended_is_known_afterwards(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp, dropped = user.command(GRASP, Grip("pen")), user.command(GRASP, Grip("cup"))
     central.until_quiet()
     dropped.kill()
@@ -192,7 +228,10 @@ def test_progress_is_iterated_over(user: Client, arm: Module) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     grasp.follow()
     assert [feel.force for feel in grasp.progress(Feel)][-1:] == [1.0]
-    with pytest.raises(MisuseError, match="the intermediate results of command 'grasp' are Feel, not <class 'float'>"):
+    with pytest.raises(
+        MisuseError,
+        match="the intermediate results of command 'grasp' are Feel, not <class 'float'>",
+    ):
         grasp.progress(float)
 
 
@@ -206,7 +245,9 @@ def test_progress_is_of_the_declared_type_when_that_has_parts(user: Client, legs
         assert next(counted) == [1, 2]
 
 
-def test_a_function_is_called_with_each_change(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_function_is_called_with_each_change(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     seen: list[str] = []
     wave = user.command(WAVE, 1, delay=5)
 
@@ -234,7 +275,9 @@ def test_an_error_in_such_a_function_is_logged(
     central.advance(1)
     assert grasp.wait() is Outcome.DONE
     assert "ValueError: seen" in caplog.text
-    with pytest.raises(MisuseError, match=r"on_change\(\): .* declare it with \(sender, change\) or \(change\)"):
+    with pytest.raises(
+        MisuseError, match=r"on_change\(\): .* declare it with \(sender, change\) or \(change\)"
+    ):
         grasp.on_change(lambda: None)  # type: ignore[arg-type, misc]
 
 
@@ -293,7 +336,9 @@ def test_the_end_is_told_before_a_coroutine_goes_on_that_awaits_it(
     assert seen == ["running", "cancel requested", "cancelled", "goes on"]
 
 
-def test_the_end_is_told_before_the_connection_closes(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_the_end_is_told_before_the_connection_closes(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     seen, nobody = list[str](), Module("nobody", central)
     for connection in (connect("visitor", central), nobody.running()):
         with connection as sender:
@@ -310,10 +355,12 @@ def test_the_end_is_told_before_the_connection_closes(user: Client, arm: Module,
     assert len(user.tasks(WAVE)) == 2, "it could yet send"
 
 
-# --- Updates and cancels -------------------------------------------------------------------------------------------------
+# --- Updates and cancels --------------------------------------------------------------------------
 
 
-def test_a_handler_that_knows_nothing_of_updates_begins_anew(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_handler_that_knows_nothing_of_updates_begins_anew(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("cup"))
     changes = grasp.changes()
     central.until_quiet()
@@ -321,9 +368,13 @@ def test_a_handler_that_knows_nothing_of_updates_begins_anew(user: Client, arm: 
     assert grasp.result() == "holds pen"
     seen = told([one for one in changes if one.transition != "result available"])
     assert seen == [
-        ": running", "update: update requested", "accept: running", "restarted: initiated", "accepted: running",
+        ": running",
+        "update: update requested",
+        "accept: running",
+        "restarted: initiated",
+        "accepted: running",
         "completed: done",
-    ]  # fmt: skip
+    ]
 
 
 def test_and_is_killed_by_a_cancel(user: Client, arm: Module, central: LocalCentral) -> None:
@@ -337,7 +388,9 @@ def test_and_is_killed_by_a_cancel(user: Client, arm: Module, central: LocalCent
     assert queued.wait() is Outcome.KILLED
 
 
-def test_a_cancel_is_not_lost_while_central_is_away(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_cancel_is_not_lost_while_central_is_away(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("cup"))
     assert grasp.state == "running"
     central.cut("user")
@@ -346,7 +399,9 @@ def test_a_cancel_is_not_lost_while_central_is_away(user: Client, arm: Module, c
     assert grasp.state == "cancelled"
 
 
-def test_a_cancel_right_before_the_end_of_a_program_arrives(arm: Module, central: LocalCentral) -> None:
+def test_a_cancel_right_before_the_end_of_a_program_arrives(
+    arm: Module, central: LocalCentral
+) -> None:
     with connect("hasty", central) as hasty:
         hasty.command(GRASP, Grip("cup"))
     with connect("hasty", central) as hasty:
@@ -356,9 +411,13 @@ def test_a_cancel_right_before_the_end_of_a_program_arrives(arm: Module, central
     assert "killed: grasp {1}: no time (by hasty)" in central.transcript()
 
 
-def test_an_update_that_is_impossible_says_why(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_an_update_that_is_impossible_says_why(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
-    with pytest.raises(Refused, match="the task is 'initiated', and that is possible while it is 'running'"):
+    with pytest.raises(
+        Refused, match="the task is 'initiated', and that is possible while it is 'running'"
+    ):
         grasp.update(Grip("cup"))
     with pytest.raises(BadData, match="wants data of type Grip"):
         grasp.update(5)
@@ -372,17 +431,23 @@ def test_a_life_cycle_without_updates_has_none(user: Client, arm: Module) -> Non
     wave = user.command(WAVE, 1)
     with pytest.raises(MisuseError, match=r"life cycle 'basic' has none"):
         wave.update(2)
-    with pytest.raises(MisuseError, match=r"life cycle 'basic' has no such transition; kill\(\) ends the task"):
+    with pytest.raises(
+        MisuseError, match=r"life cycle 'basic' has no such transition; kill\(\) ends the task"
+    ):
         wave.cancel()
     wave.kill()
 
 
-def test_a_found_task_is_updated_with_its_message(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_found_task_is_updated_with_its_message(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("cup"))
     central.until_quiet()
     with connect("visitor", central) as visitor:
         (found,) = visitor.tasks("grasp")
-        with pytest.raises(MisuseError, match=r"a new goal of .*: say of which message it is, with message="):
+        with pytest.raises(
+            MisuseError, match=r"a new goal of .*: say of which message it is, with message="
+        ):
             found.update({"item": "pen"})
         with pytest.raises(MisuseError, match=r"grasp \{1\} is no 'wave'"):
             found.update(2, message=WAVE)
@@ -395,9 +460,14 @@ def test_a_transition_of_ones_own(user: Client, arm: Module, central: LocalCentr
     assert carry.state == "running"
     assert carry.take("pause", why="a step ahead")
     assert carry.state == "paused"
-    with pytest.raises(Refused, match="the task is 'paused', and that is possible while it is 'running'"):
+    with pytest.raises(
+        Refused, match="the task is 'paused', and that is possible while it is 'running'"
+    ):
         carry.take("pause")
-    with pytest.raises(MisuseError, match="no client can take that; life cycle 'pausable' has for clients: 'update', "):
+    with pytest.raises(
+        MisuseError,
+        match="no client can take that; life cycle 'pausable' has for clients: 'update', ",
+    ):
         carry.take("accept")
     assert carry.take("resume")
     central.advance(10)
@@ -405,7 +475,7 @@ def test_a_transition_of_ones_own(user: Client, arm: Module, central: LocalCentr
     assert not carry.take("cancel"), "it has ended"
 
 
-# --- What gets lost ------------------------------------------------------------------------------------------------------
+# --- What gets lost -------------------------------------------------------------------------------
 
 
 def test_following_goes_on_after_a_break(user: Client, arm: Module, central: LocalCentral) -> None:
@@ -431,7 +501,9 @@ def test_changes_that_nobody_reads_are_counted(
     assert seen == [(3, 2), (4, 0)]
 
 
-def test_a_task_that_was_lost_with_central_has_no_state(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_task_that_was_lost_with_central_has_no_state(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     wave = user.command(WAVE, 1, delay=60)
     assert wave.state == "initiated"
     central.restart("second")

@@ -1,4 +1,6 @@
-"""A forked process must not use what its parent has opened: each call says so at once, and nothing waits."""
+"""A forked process must not use what its parent has opened: each call says so at once, and nothing
+waits.
+"""
 
 import multiprocessing
 from collections.abc import Callable

@@ -1,4 +1,6 @@
-"""Who has nothing to do does nothing: modules sleep until something is due, and central says nothing to them."""
+"""Who has nothing to do does nothing: modules sleep until something is due, and central says
+nothing to them.
+"""
 
 import math
 import time
@@ -88,7 +90,9 @@ def test_nobody_looks_after_a_module_that_has_nothing_to_do() -> None:
         until(lambda: kept.due > time.monotonic() + 5.0, "nothing is due for a while")
 
 
-def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
     with LocalCentral() as central, connect("user", central) as user:
         legs = Module("legs", central)
@@ -108,7 +112,7 @@ def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(monkeyp
             until(is_calm, "central knows where it stands")
 
 
-# --- Central ---------------------------------------------------------------------------------------------------------
+# --- Central --------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -160,11 +164,16 @@ def test_who_leaves_disturbs_nobody_and_who_is_lost_is_found(central: RealCentra
         with line_to(central):
             pass
         assert heard(idle) == Beat()
-        until(lambda: len(central.server.central.registry.connections) == 1, "the other one is lost")
+        until(
+            lambda: len(central.server.central.registry.connections) == 1, "the other one is lost"
+        )
 
 
 def test_who_connects_anew_is_asked_who_he_is(central: RealCentral) -> None:
     """A module whose central was killed hears at once that there is another one."""
     line = DealerTransport(central.address)
-    until(lambda: line.receive(0.1) == codec.pack_item(Unknown()), "central answers what was not even said")
+    until(
+        lambda: line.receive(0.1) == codec.pack_item(Unknown()),
+        "central answers what was not even said",
+    )
     line.close()

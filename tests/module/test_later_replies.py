@@ -1,4 +1,6 @@
-"""A LaterReply ends its task in each case: dropped, killed, cancelled, and answered before its handler returned."""
+"""A LaterReply ends its task in each case: dropped, killed, cancelled, and answered before its
+handler returned.
+"""
 
 import asyncio
 import threading
@@ -10,7 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from module.real_central import SOON
 
-from tca_module import Client, Command, LaterReply, Module, Outcome, Query, SentTask, Task, TaskFailed
+from tca_module import (
+    Client,
+    Command,
+    LaterReply,
+    Module,
+    Outcome,
+    Query,
+    SentTask,
+    Task,
+    TaskFailed,
+)
 from tca_module.session.joined_replies import HeldReplies
 from tca_module.testing import LocalCentral
 from tca_wire.packets.headers import Fail, Recalled, Replies, Reply
@@ -51,7 +63,9 @@ def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> 
 
 
 @pytest.mark.parametrize("is_async", [False, True])
-def test_a_reply_that_is_never_kept_is_forgotten(legs: Module, user: Client, *, is_async: bool) -> None:
+def test_a_reply_that_is_never_kept_is_forgotten(
+    legs: Module, user: Client, *, is_async: bool
+) -> None:
     async def move(task: Task, _: int) -> LaterReply[int]:
         await asyncio.sleep(0)
         return task.reply_later()
@@ -61,7 +75,9 @@ def test_a_reply_that_is_never_kept_is_forgotten(legs: Module, user: Client, *, 
         user.command(MOVE, 1).result(SOON)
 
 
-def test_a_dropped_reply_of_a_killed_task_just_ends(sent: SentTask[int], owed: Owed, central: LocalCentral) -> None:
+def test_a_dropped_reply_of_a_killed_task_just_ends(
+    sent: SentTask[int], owed: Owed, central: LocalCentral
+) -> None:
     sent.kill("enough")
     central.until_quiet()
     assert owed[0].cancelled
@@ -83,7 +99,9 @@ def test_an_accepted_cancel_leaves_nothing_owed(
 
 
 @pytest.mark.parametrize("outcome", [Outcome.DONE, Outcome.FAILED])
-def test_reports_come_in_order_when_the_handler_returns_last(legs: Module, user: Client, outcome: Outcome) -> None:
+def test_reports_come_in_order_when_the_handler_returns_last(
+    legs: Module, user: Client, outcome: Outcome
+) -> None:
     @legs.handles(MOVE)
     def move(task: Task, _: int) -> LaterReply[int]:
         later = task.reply_later()
@@ -103,14 +121,16 @@ def test_reports_come_in_order_when_the_handler_returns_last(legs: Module, user:
         assert sent.wait(SOON) is outcome
 
 
-# --- Replies that leave together are the replies that handlers gave, each when it was --------------------------------
+# --- Replies that leave together are the replies that handlers gave, each when it was -------------
 
 
 NIL = b"\xc0"
 BODIES = st.sampled_from([NIL, b"\x07", bytes(100), bytes(50_000), bytes(100_000)])
 
 
-def run(held: HeldReplies, delivery: int, began: float, ended: float, body: bytes = NIL) -> tuple[Any, bytes]:
+def run(
+    held: HeldReplies, delivery: int, began: float, ended: float, body: bytes = NIL
+) -> tuple[Any, bytes]:
     """A handler has run in a turn."""
     held.begin(delivery, began)
     header = Reply(delivery, ended - began)
@@ -123,7 +143,13 @@ def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
     found = []
     for header, body in items:
         at = 0
-        for one in header.ended if isinstance(header, Replies) else [header] if isinstance(header, Reply) else []:
+        for one in (
+            header.ended
+            if isinstance(header, Replies)
+            else [header]
+            if isinstance(header, Reply)
+            else []
+        ):
             size = getattr(one, "size", len(body))
             found.append((one.delivery, body[at : at + size] or NIL))
             at += size
@@ -135,9 +161,13 @@ def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
 def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> None:
     held, items = HeldReplies(), []
     for number, one in enumerate(given_, 1):
-        items.append(run(held, number, number, number + 0.5, one) if isinstance(one, bytes) else (one, b""))
+        items.append(
+            run(held, number, number, number + 0.5, one) if isinstance(one, bytes) else (one, b"")
+        )
     joined = held.joined(items, 20.0)
-    assert apart(joined) == [(header.delivery, body) for header, body in items if isinstance(header, Reply)]
+    assert apart(joined) == [
+        (header.delivery, body) for header, body in items if isinstance(header, Reply)
+    ]
     assert [header for header, _ in joined if not isinstance(header, Replies | Reply)] == [
         header for header, _ in items if not isinstance(header, Reply)
     ]
@@ -146,10 +176,18 @@ def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> Non
 
 def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None:
     held = HeldReplies()
-    items = [run(held, 1, 10.0, 11.0), run(held, 2, 11.0, 13.0), (Recalled([]), b""), run(held, 3, 13.5, 14.0)]
+    items = [
+        run(held, 1, 10.0, 11.0),
+        run(held, 2, 11.0, 13.0),
+        (Recalled([]), b""),
+        run(held, 3, 13.5, 14.0),
+    ]
     held.begin(4, 15.0)
     (first, _), _, (second, _) = held.joined(items, 16.0)
-    assert [(one.delivery, one.ago, one.took) for one in first.ended] == [(1, 5.0, 1.0), (2, 3.0, 2.0)]
+    assert [(one.delivery, one.ago, one.took) for one in first.ended] == [
+        (1, 5.0, 1.0),
+        (2, 3.0, 2.0),
+    ]
     assert first.begun == 2.5
     assert (second.ended[0].delivery, second.begun) == (3, 1.0)
 

@@ -1,4 +1,6 @@
-"""A handler that hangs is left behind: another thread takes its place, and what it says later counts no more."""
+"""A handler that hangs is left behind: another thread takes its place, and what it says later
+counts no more.
+"""
 
 import threading
 from pathlib import Path
@@ -41,7 +43,10 @@ def test_a_handler_that_hangs_is_replaced(tmp_path: Path, caplog: pytest.LogCapt
         assert user.query(LOOK, 7, timeout=SOON) == 7
         assert legs._slots.left_behind == 2
         go_on.set()
-        until(lambda: caplog.text.count("has returned after all") == 2, "those left behind have returned")
+        until(
+            lambda: caplog.text.count("has returned after all") == 2,
+            "those left behind have returned",
+        )
         assert user.query(LOOK, 8, timeout=SOON) == 8
     assert caplog.text.count("another thread takes its place") == 2
     assert "Traceback" not in caplog.text

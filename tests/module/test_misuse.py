@@ -1,4 +1,6 @@
-"""What is wrong in a call is said in the words of that call, before anything leaves: what, which, and what it must be."""
+"""What is wrong in a call is said in the words of that call, before anything leaves: what, which,
+and what it must be.
+"""
 
 import re
 import threading
@@ -44,7 +46,11 @@ from tca_module import (
 from tca_module.testing import LocalCentral
 
 REST, WALK, SAY, HI = Command("rest"), Goal("walk", float), Inform("say", str), Broadcast("hi")
-WHERE, ALL, FREE = Query("where", reply=float), MultiQuery("all", reply=int), Query("free", reply=bool)
+WHERE, ALL, FREE = (
+    Query("where", reply=float),
+    MultiQuery("all", reply=int),
+    Query("free", reply=bool),
+)
 HEAT, SLIPPED, FELL = Variable("heat", float), Failure("slipped", float), Failure("fell")
 GRIP, SHRUG = ExceptionHandler("grip", float), ExceptionHandler("shrug")
 LOOK, POLL = PointMonitor("look", condition=FREE), PollingMonitor("poll", condition=FREE)
@@ -64,8 +70,16 @@ def wrong_data(_task: Task, _distance: list[int]) -> None: ...
 def two(_first: Any, _second: Any) -> None: ...
 
 
-def test_what_is_said_of_a_wrong_call(user: Client, legs: Module, approve: Callable[..., None]) -> None:
-    known = {**vars(tca_module), **globals(), "user": user, "task": user.command(REST), "legs": legs}
+def test_what_is_said_of_a_wrong_call(
+    user: Client, legs: Module, approve: Callable[..., None]
+) -> None:
+    known = {
+        **vars(tca_module),
+        **globals(),
+        "user": user,
+        "task": user.command(REST),
+        "legs": legs,
+    }
 
     def tell(call: str) -> BaseException:
         with pytest.raises((MisuseError, BadData, BadFormat, TypeError)) as error:
@@ -109,14 +123,36 @@ def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, leg
     assert said == ["late", "refused"]
 
 
-# --- Whatever somebody gives to any call that sends ------------------------------------------------------------------
+# --- Whatever somebody gives to any call that sends -----------------------------------------------
 
 
 BRIEFLY = 0.01
 HOSTILE = (
-    None, 2.5, float("inf"), 2**70, float("nan"), -1, True, "x", "\ud800", "a" * 200, b"x", object(), [1], {"x": 1}, (1,),
-    REST, SAY, WHERE, ALL, HEAT, SLIPPED, SHRUG, POLL, int,
-)  # fmt: skip
+    None,
+    2.5,
+    float("inf"),
+    2**70,
+    float("nan"),
+    -1,
+    True,
+    "x",
+    "\ud800",
+    "a" * 200,
+    b"x",
+    object(),
+    [1],
+    {"x": 1},
+    (1,),
+    REST,
+    SAY,
+    WHERE,
+    ALL,
+    HEAT,
+    SLIPPED,
+    SHRUG,
+    POLL,
+    int,
+)
 PATIENT = 4  # the first of them are times that one may wait
 
 
@@ -251,7 +287,10 @@ def test_every_call_of_a_sender_is_attacked() -> None:
 def test_calls_of_a_sender(sender: Client, name: str) -> None:
     right = ATTACKED[name]
     for argument in right:
-        attack(lambda wrong: getattr(sender, name)(**{**right, argument: wrong}), no_times=argument == "timeout")  # noqa: B023
+        attack(
+            lambda wrong: getattr(sender, name)(**{**right, argument: wrong}),  # noqa: B023
+            no_times=argument == "timeout",
+        )
 
 
 @pytest.mark.parametrize("name", OF_TASKS)
@@ -259,7 +298,10 @@ def test_calls_of_a_task(sender: Client, name: str) -> None:
     waits = sender.command(REST, delay=3600)
     right = OF_TASKS[name] | ({"point": waits.achieving.end} if "point" in OF_TASKS[name] else {})
     for argument in right:
-        attack(lambda wrong: getattr(waits, name)(**{**right, argument: wrong}), no_times=argument == "timeout")  # noqa: B023
+        attack(
+            lambda wrong: getattr(waits, name)(**{**right, argument: wrong}),  # noqa: B023
+            no_times=argument == "timeout",
+        )
 
 
 def test_calls_with_any_number_of_arguments(sender: Client) -> None:
@@ -323,7 +365,9 @@ def test_declaring_a_module(central: LocalCentral) -> None:
         lambda point: Constraint(Point("x", point.moment), point),  # type: ignore[arg-type]
     ],
 )
-def test_constraints_that_somebody_made_of_nonsense_do_not_leave(sender: Client, made: Callable[[Any], Any]) -> None:
+def test_constraints_that_somebody_made_of_nonsense_do_not_leave(
+    sender: Client, made: Callable[[Any], Any]
+) -> None:
     point = sender.command(REST, delay=3600).achieving.end
     with pytest.raises(MisuseError, match="what was given can't be sent"):
         sender.command(REST, constraints=[made(point)])
@@ -333,7 +377,9 @@ NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
 
 
 @pytest.mark.parametrize("wrong", NO_NAMES)
-def test_what_is_no_name_does_not_count_as_none_given(legs: Module, sender: Client, wrong: Any) -> None:
+def test_what_is_no_name_does_not_count_as_none_given(
+    legs: Module, sender: Client, wrong: Any
+) -> None:
     idle = Module("idle", legs.central)
     calls: list[tuple[str, Callable[[], object]]] = [
         ("resource", lambda: idle.handles(REST, resource=wrong)),
@@ -344,20 +390,29 @@ def test_what_is_no_name_does_not_count_as_none_given(legs: Module, sender: Clie
         ("module", lambda: sender.lock("legs", wrong, timeout=0)),
         ("module", lambda: sender.reserve("legs", module=wrong, timeout=0)),
         ("module", lambda: sender.unlock("legs", wrong)),
-        *(("resource", partial(call, wrong)) for call in (sender.lock, sender.reserve, sender.unlock)),
+        *(
+            ("resource", partial(call, wrong))
+            for call in (sender.lock, sender.reserve, sender.unlock)
+        ),
     ]
     for option, call in calls:
-        with pytest.raises(MisuseError, match=f"{option} must be 1 to 128 printable characters(, or None)?, not "):
+        with pytest.raises(
+            MisuseError, match=f"{option} must be 1 to 128 printable characters(, or None)?, not "
+        ):
             call()
 
 
 @pytest.mark.parametrize("wrong", [0, [], "", False])
-def test_nor_do_other_things_that_are_none(central: LocalCentral, sender: Client, wrong: Any) -> None:
+def test_nor_do_other_things_that_are_none(
+    central: LocalCentral, sender: Client, wrong: Any
+) -> None:
     for call in (lambda: connect("sender", wrong), lambda: Module("legs", wrong)):
         with pytest.raises(MisuseError, match="central must be an address such as"):
             call()
     for ask in (sender.tasks, sender.command(REST).children):
-        with pytest.raises(MisuseError, match="message must be a message, its name, or None for all"):
+        with pytest.raises(
+            MisuseError, match="message must be a message, its name, or None for all"
+        ):
             ask(wrong)
     if wrong != []:
         with pytest.raises(MisuseError, match="requires must be a list of messages"):
@@ -376,7 +431,7 @@ def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
         assert sender.tasks(None) == []
 
 
-# --- Whoever constructs a public class wrongly is told so in terms of what can be imported ---------------------------
+# --- Whoever constructs a public class wrongly is told so in terms of what can be imported --------
 
 
 PUBLIC: dict[str, type] = {
@@ -415,13 +470,16 @@ def errors_of(kind: Any) -> Iterator[str]:
 @pytest.mark.parametrize("kind", PUBLIC.values(), ids=PUBLIC)
 def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
     for text in errors_of(kind):
-        assert not re.search(r"(?<![\w.])_[A-Za-z]\w*", text.replace("__init__", "").replace("__new__", "")), text
+        assert not re.search(
+            r"(?<![\w.])_[A-Za-z]\w*", text.replace("__init__", "").replace("__new__", "")
+        ), text
 
 
 @pytest.mark.parametrize("kind", WRITTEN, ids=lambda kind: kind.__name__)
 def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
     with pytest.raises(
-        TypeError, match=rf"^{kind.__name__}(\.__init__)?\(\):? got an unexpected keyword argument 'nonsense'"
+        TypeError,
+        match=rf"^{kind.__name__}(\.__init__)?\(\):? got an unexpected keyword argument 'nonsense'",
     ):
         kind("x", nonsense=1)
     if kind is not LocalCentral:

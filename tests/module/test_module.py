@@ -1,4 +1,6 @@
-"""Modules: running, sharing and taking over messages, coming back, ending and being stopped; and users' LocalCentral."""
+"""Modules: running, sharing and taking over messages, coming back, ending and being stopped; and
+users' LocalCentral.
+"""
 
 import asyncio
 import logging
@@ -32,7 +34,9 @@ from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received, kind_of
 pytestmark = pytest.mark.usefixtures("attentive")
 
 
-def test_a_resource_handles_as_many_messages_as_its_capacity(central: LocalCentral, user: Client) -> None:
+def test_a_resource_handles_as_many_messages_as_its_capacity(
+    central: LocalCentral, user: Client
+) -> None:
     busy = Gate(36.6)
     legs = Module("legs", central, capacity=2)
     legs.handles(TEMPERATURE)(busy)
@@ -45,7 +49,9 @@ def test_a_resource_handles_as_many_messages_as_its_capacity(central: LocalCentr
         assert [one.receive(SOON) for one in pending] == [36.6] * 3
 
 
-def test_methods_and_partial_functions_handle_and_stay_as_they_are(legs: Module, user: Client) -> None:
+def test_methods_and_partial_functions_handle_and_stay_as_they_are(
+    legs: Module, user: Client
+) -> None:
     class Body:
         def stance(self, task: Task, radius: float) -> list[int]:
             return [int(radius)]
@@ -53,7 +59,9 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(legs: Module,
     stance = Body().stance
     assert legs.handles(STANCE)(stance) is stance
     legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
-    with pytest.raises(MisuseError, match="module 'legs' handles 'stance' already, in test_methods_and_partial"):
+    with pytest.raises(
+        MisuseError, match="module 'legs' handles 'stance' already, in test_methods_and_partial"
+    ):
         legs.handles(STANCE)(lambda _, _radius: [])
     with legs.running():
         assert user.query(STANCE, 7.0) == [7]
@@ -88,7 +96,9 @@ def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> No
     with legs.running():
         assert not legs.stopping
     assert legs.stopping
-    assert [fact.why for fact in central.facts if isinstance(fact, ModuleLeft)] == ["it said goodbye"]
+    assert [fact.why for fact in central.facts if isinstance(fact, ModuleLeft)] == [
+        "it said goodbye"
+    ]
     assert not central.core.registry.connections
 
 
@@ -124,12 +134,19 @@ def test_without_central_run_raises_an_ordinary_error(legs: Module, central: Loc
     with pytest.raises(CentralLost) as lost:
         legs.run(patience=0.1)
     assert not isinstance(lost.value, SystemExit)
-    assert str(lost.value).startswith("module 'legs': central at local central 'local' does not answer: start it with")
-    with pytest.raises(CentralLost, match=r"^module 'legs': central at "), legs.running(patience=0.1):
+    assert str(lost.value).startswith(
+        "module 'legs': central at local central 'local' does not answer: start it with"
+    )
+    with (
+        pytest.raises(CentralLost, match=r"^module 'legs': central at "),
+        legs.running(patience=0.1),
+    ):
         pass
 
 
-def test_run_may_end_when_central_is_lost(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_run_may_end_when_central_is_lost(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with in_thread(partial(legs.run, patience=0.1, reconnect=False)) as ends:
         assert user.query(TEMPERATURE) == 36.6
@@ -137,7 +154,9 @@ def test_run_may_end_when_central_is_lost(legs: Module, central: LocalCentral, u
     assert isinstance(ends[0], CentralLost)
 
 
-def test_a_module_that_cannot_begin_cleans_up(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_a_module_that_cannot_begin_cleans_up(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
     user.query_send(TEMPERATURE)
     liar = Module("liar", central)
     liar.handles(type(TEMPERATURE)("temperature", int, reply=float))(lambda _, _data: 0.0)
@@ -168,7 +187,9 @@ def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
         assert not central.core.registry.connections
 
 
-def test_a_module_ends_when_one_of_its_threads_does(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_a_module_ends_when_one_of_its_threads_does(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
     """A bug of this library, or a full disk; it must not go unnoticed."""
     legs.handles(TEMPERATURE)(lambda _: 36.6)
 
@@ -183,7 +204,9 @@ def test_a_module_ends_when_one_of_its_threads_does(legs: Module, central: Local
     assert isinstance(ends[0], TypeError)
 
 
-def test_a_module_can_be_stopped_before_central_is_there(legs: Module, central: LocalCentral) -> None:
+def test_a_module_can_be_stopped_before_central_is_there(
+    legs: Module, central: LocalCentral
+) -> None:
     central.close()
     began = threading.Event()
     central.take = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
@@ -193,24 +216,32 @@ def test_a_module_can_be_stopped_before_central_is_there(legs: Module, central: 
     assert ends == [None]
 
 
-def test_a_module_comes_back_after_its_connections_broke(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_a_module_comes_back_after_its_connections_broke(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
     busy = Gate(36.6)
     legs.handles(TEMPERATURE)(busy)
     with legs.running():
         pending = user.query_send(TEMPERATURE)
         assert busy.threads.get(timeout=SOON)
         central.cut("legs")
-        with pytest.raises(QueryFailed, match="module lost: module 'legs' was lost: its connection closed"):
+        with pytest.raises(
+            QueryFailed, match="module lost: module 'legs' was lost: its connection closed"
+        ):
             pending.receive(SOON)
         busy.go_on.set()
         again = user.query_send(TEMPERATURE)
         with pytest.raises(Timeout):
             legs.query(STANCE, 1.0, timeout=0)  # connection 0 learns that it was cut
         assert again.receive(SOON) == 36.6
-    assert [fact.message for fact in central.facts if isinstance(fact, HandlerAdded)] == ["temperature"] * 2
+    assert [fact.message for fact in central.facts if isinstance(fact, HandlerAdded)] == [
+        "temperature"
+    ] * 2
 
 
-def test_a_wait_outlives_a_broken_connection(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_a_wait_outlives_a_broken_connection(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
     other = connect("other", central)
     move, pending = other.command(MOVE_LEG, 1), other.query_send(TEMPERATURE)
@@ -219,13 +250,24 @@ def test_a_wait_outlives_a_broken_connection(legs: Module, central: LocalCentral
     central.cut("other")
     with legs.running():
         assert move.result(SOON) == Footfall(1, 0.0)
-    with pytest.raises(CentralLost, match="query 'temperature' is lost: the connection to central broke"):
+    with pytest.raises(
+        CentralLost, match="query 'temperature' is lost: the connection to central broke"
+    ):
         pending.receive(SOON)
-    assert len([fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]) == 1
+    assert (
+        len(
+            [
+                fact
+                for fact in central.facts
+                if isinstance(fact, Received) and fact.message == "move leg"
+            ]
+        )
+        == 1
+    )
     other.close()
 
 
-# --- What users' tests rely on ---------------------------------------------------------------------------------------
+# --- What users' tests rely on --------------------------------------------------------------------
 
 
 def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(
@@ -268,14 +310,16 @@ def test_a_closed_central_leaves_no_thread_behind() -> None:
     assert set(threading.enumerate()) <= before
 
 
-# --- A module that ends or was stopped -------------------------------------------------------------------------------
+# --- A module that ends or was stopped ------------------------------------------------------------
 
 
 class Wrong(Exception):
     """Something in the program beside the handlers."""
 
 
-def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(legs: Module, user: Client) -> None:
+def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(
+    legs: Module, user: Client
+) -> None:
     begun, gate = threading.Event(), Gate()
     legs.handles(REST, resource="head")(gate)
 
@@ -341,10 +385,12 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
     logging.getLogger("tca.legs").removeHandler(told)
     assert pending.receive(SOON) == []
     (said,) = caplog.messages
-    assert said.startswith("module 'legs' ends (Wrong: no map), and waits for its handler of 'stance' to return")
+    assert said.startswith(
+        "module 'legs' ends (Wrong: no map), and waits for its handler of 'stance' to return"
+    )
 
 
-# --- A module that has stopped, or was ended by one of its threads, while its block goes on --------------------------
+# --- A module that has stopped, or was ended by one of its threads, while its block goes on -------
 
 
 ENDED = "module 'legs' ends, and handles nothing any more: "
@@ -428,7 +474,9 @@ def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
         assert first.result(SOON) == Footfall(1, 1.0)
 
 
-def test_a_wait_in_the_block_does_not_hold_that_up(legs: Module, older: Module, central: LocalCentral) -> None:
+def test_a_wait_in_the_block_does_not_hold_that_up(
+    legs: Module, older: Module, central: LocalCentral
+) -> None:
     """It has the connection to itself, over which central is to be told; and it is not ended."""
 
     @older.handles(TEMPERATURE)
@@ -455,7 +503,10 @@ def test_the_block_of_a_stopped_module_goes_on_as_a_client(
             central.restart("afresh")
             assert legs.query(STANCE, 1.0, timeout=SOON) == [0]
             assert handled_by(user) == ["older"]
-            with pytest.raises(MisuseError, match=r"module 'legs' ends: it can begin again when its .* has been left"):
+            with pytest.raises(
+                MisuseError,
+                match=r"module 'legs' ends: it can begin again when its .* has been left",
+            ):
                 legs.run()
             with pytest.raises(MisuseError, match="comes too late"):
                 legs.handles(STOP)
@@ -463,7 +514,9 @@ def test_the_block_of_a_stopped_module_goes_on_as_a_client(
             assert user.query(STANCE, 1.0, timeout=SOON) == [1]
 
 
-def test_the_log_says_that_a_module_was_stopped(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_says_that_a_module_was_stopped(
+    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
     legs.handles(STANCE)(lambda _, _radius: [1])
     with caplog.at_level(logging.INFO, "tca.legs"), legs.running():
         legs.stop()
@@ -471,16 +524,24 @@ def test_the_log_says_that_a_module_was_stopped(legs: Module, user: Client, capl
     assert caplog.messages == ["module 'legs' has stopped, and handles nothing any more"]
 
 
-@pytest.mark.parametrize("error", [Own("tired"), KeyboardInterrupt(), GeneratorExit(), pytest.fail.Exception("x")])
+@pytest.mark.parametrize(
+    "error", [Own("tired"), KeyboardInterrupt(), GeneratorExit(), pytest.fail.Exception("x")]
+)
 def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_older_one_takes_over(
-    legs: Module, older: Module, user: Client, caplog: pytest.LogCaptureFixture, error: BaseException
+    legs: Module,
+    older: Module,
+    user: Client,
+    caplog: pytest.LogCaptureFixture,
+    error: BaseException,
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: raises(error)())
     said: list[str] = []
 
     def work() -> None:
         with legs.running():
-            with pytest.raises(QueryFailed, match="module lost: its module was ended by ") as failed:
+            with pytest.raises(
+                QueryFailed, match="module lost: its module was ended by "
+            ) as failed:
                 user.query(STANCE, 1.0, timeout=SOON)
             said.append(failed.value.text)
             assert handled_by(user) == ["older"]  # at once
@@ -578,7 +639,9 @@ def test_a_plain_handler_whose_own_loop_was_cancelled_has_an_error(
         return Footfall(leg, 0.0)
 
     with legs.running():
-        with pytest.raises(TaskFailed, match=r"handler error: asyncio\.exceptions\.CancelledError") as failed:
+        with pytest.raises(
+            TaskFailed, match=r"handler error: asyncio\.exceptions\.CancelledError"
+        ) as failed:
             user.command(MOVE_LEG, 0).result(SOON)
         assert "in runs_something_that_is_cancelled" in failed.value.text
         assert "handler test_a_plain_handler" in caplog.text

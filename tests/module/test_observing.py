@@ -1,4 +1,6 @@
-"""Any program observes the states of tasks, though neither their senders nor their handlers know of it."""
+"""Any program observes the states of tasks, though neither their senders nor their handlers know of
+it.
+"""
 
 import asyncio
 import threading
@@ -27,7 +29,11 @@ from tca_module import (
 )
 from tca_module.testing import LocalCentral
 
-GRASP, WAVE, WALK = Command("grasp", str, progress=float), Command("wave", life_cycle=BASIC), Goal("walk", int)
+GRASP, WAVE, WALK = (
+    Command("grasp", str, progress=float),
+    Command("wave", life_cycle=BASIC),
+    Goal("walk", int),
+)
 GAZE = Inform("gaze", str)
 
 STEPPED = True  # the clock of central
@@ -64,22 +70,35 @@ def told(changes: list[Change]) -> list[str]:
     return [f"{one.task}: {one.state}" + " (late)" * one.is_late for one in changes]
 
 
-def test_all_tasks_of_a_message_are_observed(user: Client, visitor: Client, arm: Module, central: LocalCentral) -> None:
+def test_all_tasks_of_a_message_are_observed(
+    user: Client, visitor: Client, arm: Module, central: LocalCentral
+) -> None:
     early = user.command(GRASP, "pen")
     central.until_quiet()
     with visitor.observe(GRASP) as changes:
         late = changes.receive()
         assert late is not None
-        assert (late.state, late.is_late, late.goal, late.data, late.serial) == ("running", True, "pen", 0.5, 2)
+        assert (late.state, late.is_late, late.goal, late.data, late.serial) == (
+            "running",
+            True,
+            "pen",
+            0.5,
+            2,
+        )
         user.command(WAVE)
         later = user.command(GRASP, "cup")
         early.update("tea")
         central.advance(25)
         seen = changes.arrived()
     assert told(seen) == [
-        "grasp {3}: initiated", "grasp {1}: update requested", "grasp {1}: running", "grasp {1}: done",
-        "grasp {3}: running", "grasp {3}: running", "grasp {3}: done",
-    ]  # fmt: skip
+        "grasp {3}: initiated",
+        "grasp {1}: update requested",
+        "grasp {1}: running",
+        "grasp {1}: done",
+        "grasp {3}: running",
+        "grasp {3}: running",
+        "grasp {3}: done",
+    ]
     assert [one.goal for one in seen[:3]] == ["cup", "pen", "tea"]
     assert not any(one.missed for one in seen)
     assert later.wait() is Outcome.DONE
@@ -130,7 +149,11 @@ def test_a_function_of_a_module_is_called(user: Client, arm: Module, central: Lo
         central.advance(10)
         central.advance(1)
         assert early.wait() is Outcome.DONE
-    assert seen[1:] == ["wave {3}: initiated (initiated)", "wave {3}: running (accepted)", "wave {3}: done (completed)"]
+    assert seen[1:] == [
+        "wave {3}: initiated (initiated)",
+        "wave {3}: running (accepted)",
+        "wave {3}: done (completed)",
+    ]
 
 
 def test_what_ends_while_an_observer_is_away_is_told_afterwards(
@@ -146,8 +169,11 @@ def test_what_ends_while_an_observer_is_away_is_told_afterwards(
     last = changes.receive(SOON)
     assert last is not None
     assert (last.state, last.is_over, last.missed, last.text) == (
-        "", True, 1, "it ended while this program did not hear central",
-    )  # fmt: skip
+        "",
+        True,
+        1,
+        "it ended while this program did not hear central",
+    )
 
 
 def test_observing_goes_on_after_a_restart_of_central(
@@ -171,16 +197,22 @@ def test_observing_goes_on_after_a_restart_of_central(
 
 
 def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> None:
-    with pytest.raises(MisuseError, match=r"observe\(\): command 'wave' is never 'paused': life cycle 'basic' has"):
+    with pytest.raises(
+        MisuseError, match=r"observe\(\): command 'wave' is never 'paused': life cycle 'basic' has"
+    ):
         visitor.observe(WAVE, states=["paused"])
-    with pytest.raises(MisuseError, match=r"observes\(\): .* declare it with \(sender, change\) or \(change\)"):
+    with pytest.raises(
+        MisuseError, match=r"observes\(\): .* declare it with \(sender, change\) or \(change\)"
+    ):
         Module("head", central).observes(WAVE)(lambda: None)  # type: ignore[type-var]
     nothing = visitor.observe("never heard of", timeout=0.01)
     with pytest.raises(Timeout, match=r"a change of state did not come within 0\.01 s"):
         next(nothing)
 
 
-def test_a_closed_stream_is_over(visitor: Client, user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_closed_stream_is_over(
+    visitor: Client, user: Client, arm: Module, central: LocalCentral
+) -> None:
     wave = user.command(WAVE, delay=1)
     changes = wave.changes()
     with changes:
@@ -192,7 +224,11 @@ def test_a_closed_stream_is_over(visitor: Client, user: Client, arm: Module, cen
 
 
 def test_whoever_can_not_observe_is_told(
-    user: Client, arm: Module, central: LocalCentral, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    user: Client,
+    arm: Module,
+    central: LocalCentral,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     user.command(WAVE, delay=60)
     monkeypatch.setattr("tca_central.life_cycles.observing.MOST_LOOKED_AT", 0)
@@ -208,7 +244,7 @@ def test_whoever_can_not_observe_is_told(
     assert "functions are not called with it any more" in caplog.text
 
 
-# --- In coroutines -------------------------------------------------------------------------------------------------------
+# --- In coroutines --------------------------------------------------------------------------------
 
 
 def test_coroutines_follow_and_observe(user: Client, arm: Module, central: LocalCentral) -> None:
@@ -246,7 +282,9 @@ def test_coroutines_follow_and_observe(user: Client, arm: Module, central: Local
     assert seen[-1] == "wave: done"
 
 
-def test_a_coroutine_that_loses_patience_misses_nothing(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_a_coroutine_that_loses_patience_misses_nothing(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     brain, seen, plan = Module("brain", central), list[tuple[str, int]](), Goal("plan")
     has_lost_patience = threading.Event()
 
@@ -271,7 +309,7 @@ def test_a_coroutine_that_loses_patience_misses_nothing(user: Client, arm: Modul
     assert seen == [("running", 0), ("done", 0)]
 
 
-# --- Cancelling all ------------------------------------------------------------------------------------------------------
+# --- Cancelling all -------------------------------------------------------------------------------
 
 
 def test_all_that_a_sender_has_sent_is_cancelled(

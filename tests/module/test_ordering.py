@@ -19,7 +19,9 @@ class Plan:
         flags, constraints = self.ordering.place(self.epoch, is_goal=is_goal, sequential=sequential)
         self.newest += 1
         self.ordering.add(TaskId(self.newest), sequential=sequential)
-        words = [flag.name.lower().replace("_", " ") for flag in Flags if flag in flags and flag.name]
+        words = [
+            flag.name.lower().replace("_", " ") for flag in Flags if flag in flags and flag.name
+        ]
         for constraint in constraints:
             assert constraint.after.task == THIS
             words.append(str(constraint).replace("this task", "it"))

@@ -1,4 +1,6 @@
-"""A handler steers its own task by the calls that a sender has; in a wrong thread it is told what to do there."""
+"""A handler steers its own task by the calls that a sender has; in a wrong thread it is told what
+to do there.
+"""
 
 import threading
 from collections.abc import Callable
@@ -124,7 +126,9 @@ def refusal(call: Callable[[], object]) -> str:
     return texts[0]
 
 
-def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(user: Client, legs: Module) -> None:
+def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(
+    user: Client, legs: Module
+) -> None:
     said: list[str] = []
 
     @legs.handles(WALK)
@@ -134,7 +138,11 @@ def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(user: Client,
     with legs.running():
         sent = user.goal(WALK)
         sent.result(SOON)
-        said += [refusal(sent.kill), refusal(lambda: user.goal(WALK)), refusal(lambda: legs.goal(WALK))]
+        said += [
+            refusal(sent.kill),
+            refusal(lambda: user.goal(WALK)),
+            refusal(lambda: legs.goal(WALK)),
+        ]
         pending = user.query_send(WHERE)
         said.append(refusal(pending.receive))
     assert said == [

@@ -5,7 +5,19 @@ from typing import Any
 
 import pytest
 from module.real_central import SOON
-from module.robot import ALARM, COLLISION, HEALTH, MOVE_LEG, POSITION, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
+from module.robot import (
+    ALARM,
+    COLLISION,
+    HEALTH,
+    MOVE_LEG,
+    POSITION,
+    REST,
+    STANCE,
+    TEMPERATURE,
+    WALK,
+    Arc,
+    Footfall,
+)
 
 from tca_module import (
     BadData,
@@ -41,10 +53,14 @@ def test_nobody_answers_in_time(user: Client, central: LocalCentral) -> None:
         "query 'temperature' was not answered within 0.01 s: no module handles it; to wait longer give timeout="
     )
     assert isinstance(caught.value, TimeoutError)
-    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == ["no module handles it"]
+    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
+        "no module handles it"
+    ]
 
 
-def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_a_query_that_was_given_up_is_not_handled(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     handled = []
 
     @legs.handles(TEMPERATURE)
@@ -60,10 +76,14 @@ def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, ce
     with legs.running():
         assert user.query(TEMPERATURE) == 36.6
     assert handled == [1]
-    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == ["no module handles it"]
+    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
+        "no module handles it"
+    ]
 
 
-def test_a_handler_may_ask_its_own_resource(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_a_handler_may_ask_its_own_resource(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         return [int(radius), *task.query(STANCE, radius - 1, timeout=SOON)] if radius > 1 else [1]
@@ -71,10 +91,17 @@ def test_a_handler_may_ask_its_own_resource(legs: Module, user: Client, central:
     with legs.running():
         assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
     received = [fact for fact in central.facts if isinstance(fact, Received)]
-    assert [(fact.origin, fact.blocking) for fact in received] == [(0, True), (1, True), (2, True), (3, True)]
+    assert [(fact.origin, fact.blocking) for fact in received] == [
+        (0, True),
+        (1, True),
+        (2, True),
+        (3, True),
+    ]
 
 
-def test_a_handler_may_ask_its_own_resource_and_fetch_the_reply_later(legs: Module, user: Client) -> None:
+def test_a_handler_may_ask_its_own_resource_and_fetch_the_reply_later(
+    legs: Module, user: Client
+) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         if radius <= 1:
@@ -95,12 +122,16 @@ def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
         return [round(1 / radius)]
 
     with legs.running():
-        with pytest.raises(QueryFailed, match="query 'stance' failed: collision: leg 3 hit a rock") as failed:
+        with pytest.raises(
+            QueryFailed, match="query 'stance' failed: collision: leg 3 hit a rock"
+        ) as failed:
             user.query(STANCE, -1.0)
         assert failed.value.failure == "collision"
         assert failed.value.data_as(COLLISION) == Footfall(3, 0.5)
         assert failed.value.data == {"leg": 3, "height": 0.5}
-        with pytest.raises(QueryFailed, match=r"handler error: ZeroDivisionError: float division by zero$") as error:
+        with pytest.raises(
+            QueryFailed, match=r"handler error: ZeroDivisionError: float division by zero$"
+        ) as error:
             user.query(STANCE, 0.0)
         assert "return [round(1 / radius)]" in error.value.text
         assert "handlers.py" not in error.value.text
@@ -109,7 +140,9 @@ def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
 
 
 def test_wrong_data_does_not_leave(user: Client, central: LocalCentral) -> None:
-    with pytest.raises(BadData, match="query 'stance' wants data of type float: Expected `float`, got `str`"):
+    with pytest.raises(
+        BadData, match="query 'stance' wants data of type float: Expected `float`, got `str`"
+    ):
         user.query(STANCE, "wide")  # type: ignore[misc]
     with pytest.raises(BadData, match=r"inform 'position' wants .*Arc.*steps"):
         user.inform(POSITION, Arc(1.0, "many"))  # type: ignore[arg-type]
@@ -138,14 +171,21 @@ def test_data_that_does_not_decode_fails_in_the_receiver(legs: Module, user: Cli
 
     liar = Query("stance", float, reply=list[int])
     liar.data.encode = lambda _: b"\xa4wide"  # type: ignore[method-assign,assignment]
-    with legs.running(), pytest.raises(QueryFailed, match="bad data: query 'stance' came with data that is no float"):
+    with (
+        legs.running(),
+        pytest.raises(
+            QueryFailed, match="bad data: query 'stance' came with data that is no float"
+        ),
+    ):
         user.query(liar, 1.0)
 
 
 def test_another_format_of_the_same_name_is_refused(legs: Module, user: Client) -> None:
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     with legs.running():
-        with pytest.raises(FormatRefused, match=r"data \$: integer here, number there .*module 'legs'"):
+        with pytest.raises(
+            FormatRefused, match=r"data \$: integer here, number there .*module 'legs'"
+        ):
             user.query(Query("stance", int, reply=list[int]), 1)
         assert user.query(STANCE, 2.0) == [2]
 
@@ -156,7 +196,11 @@ def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
     for module in modules:
         module.handles(HEALTH)(lambda _, name=module.name: f"{name} well")
     with modules[0].running(), modules[1].running(), modules[2].running():
-        assert sorted(user.multi_query(HEALTH, timeout=SOON)) == ["battery well", "eyes well", "legs well"]
+        assert sorted(user.multi_query(HEALTH, timeout=SOON)) == [
+            "battery well",
+            "eyes well",
+            "legs well",
+        ]
         assert len(user.multi_query(HEALTH, maximum=2, timeout=SOON)) == 2
 
 
@@ -186,7 +230,9 @@ def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) 
             assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
 
 
-def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(central: LocalCentral, user: Client) -> None:
+def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(
+    central: LocalCentral, user: Client
+) -> None:
     """An empty list would look as if nobody had said anything."""
     legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
     release = threading.Event()
@@ -210,7 +256,7 @@ def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(central: 
         release.set()
 
 
-# --- Sending whatever the class of a message is, and only if somebody handles it -------------------------------------
+# --- Sending whatever the class of a message is, and only if somebody handles it ------------------
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
-"""Goals, commands and monitors are sent without waiting for central's word; what it refuses is raised all the same."""
+"""Goals, commands and monitors are sent without waiting for central's word; what it refuses is
+raised all the same.
+"""
 
 import pickle
 import queue
@@ -29,7 +31,7 @@ from tca_module import (
     Variable,
     connect,
     this,
-)  # fmt: skip
+)
 from tca_module.client import Client as PlainClient
 from tca_module.link.connection import MOST_UNTOLD
 from tca_module.sending.task_points import TaskPoint
@@ -38,7 +40,15 @@ from tca_module.session.sent_tasks import SentId
 from tca_module.testing import LocalCentral, LocalTransport
 from tca_wire.journal.facts import Killed, Received
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Await, AwaitPoint, Constrain, Register, Send, TasksMade
+from tca_wire.packets.headers import (
+    Accepted,
+    Await,
+    AwaitPoint,
+    Constrain,
+    Register,
+    Send,
+    TasksMade,
+)
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Refusal
 
@@ -51,7 +61,7 @@ def circle(user: Any, **options: Any) -> Any:
     return user.command(STOP, constraints=CIRCLE, **options)
 
 
-# --- what travels ------------------------------------------------------------------------------------------------------
+# --- what travels ---------------------------------------------------------------------------------
 
 
 def silent(header: headers.ToCentral) -> list[headers.ToModule]:
@@ -88,7 +98,9 @@ def test_the_wait_for_a_result_travels_with_the_command() -> None:
 
 def test_who_looks_at_the_id_waits_for_it() -> None:
     connection, central = connected(
-        lambda header: [TasksMade([(3, TaskId(17))])] if isinstance(header, Await) else silent(header)
+        lambda header: (
+            [TasksMade([(3, TaskId(17))])] if isinstance(header, Await) else silent(header)
+        )
     )
     stop = PlainClient(connection).command(STOP)
     assert Await not in map(type, central.heard)
@@ -139,7 +151,7 @@ def test_what_was_to_follow_those_of_the_central_before_is_not_sent_to_the_next(
     assert Send not in map(type, central.heard)
 
 
-# --- refusals ----------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 USES: dict[str, Callable[[Any, Client], object]] = {
@@ -153,7 +165,9 @@ USES: dict[str, Callable[[Any, Client], object]] = {
     "next inform": lambda _, user: user.inform(NOTE, "on"),
     "next question": lambda _, user: user.query(ASK),
     "constrain": lambda stop, user: user.constrain(stop.achieving.end <= stop.handling.start),
-    "what comes after": lambda stop, user: user.goal(REST, constraints=[stop.achieving.end <= this.achieving.start]),
+    "what comes after": lambda stop, user: user.goal(
+        REST, constraints=[stop.achieving.end <= this.achieving.start]
+    ),
     "what is under it": lambda stop, user: user.under(stop).command(STOP),
     "variable": lambda _, user: user.set_variable(LEVEL, 1),
     "a number": lambda stop, _: int(stop.achieving.end.task),
@@ -176,7 +190,9 @@ def test_a_refusal_of_which_nobody_asks_is_raised_at_the_end(central: LocalCentr
         circle(user)
 
 
-def test_at_the_end_the_error_of_the_block_comes_first(central: LocalCentral, caplog: pytest.LogCaptureFixture) -> None:
+def test_at_the_end_the_error_of_the_block_comes_first(
+    central: LocalCentral, caplog: pytest.LogCaptureFixture
+) -> None:
     def use() -> None:
         with connect("user", central) as user:
             circle(user)
@@ -212,7 +228,10 @@ def test_a_handler_fails_with_it(robot: Robot, user: Client, *, is_async: bool) 
         circle(task)
 
     robot.planner.handles(REST)(rest_in_time if is_async else rest)
-    with robot.running(), pytest.raises(TaskFailed, match=r"handler error: .*command 'stop' was refused") as failed:
+    with (
+        robot.running(),
+        pytest.raises(TaskFailed, match=r"handler error: .*command 'stop' was refused") as failed,
+    ):
         user.goal(REST).result(SOON)
     assert failed.value.failure == "handler error"
 
@@ -256,12 +275,16 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
     if is_heard:
         session.reply(headers.Reply(9), b"")
     (line,) = *caplog.messages, *session.complaints
-    assert line.startswith("the handler of rest {1} ended before it heard this: command 'stop' was refused: a circle;")
+    assert line.startswith(
+        "the handler of rest {1} ended before it heard this: command 'stop' was refused: a circle;"
+    )
     assert line.endswith("to read the '.id' of what it sends raises it there")
 
 
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
-def test_what_was_refused_is_as_if_it_had_never_been_sent(central: LocalCentral, user: Client, block: str) -> None:
+def test_what_was_refused_is_as_if_it_had_never_been_sent(
+    central: LocalCentral, user: Client, block: str
+) -> None:
     def order(*, refused: bool) -> list[list[str]]:
         before = len(central.facts)
         with getattr(user, block)() if block != "none" else user.sequence():
@@ -322,10 +345,12 @@ def test_the_handler_of_a_direct_message_fails_with_it() -> None:
                     user.query(ASK)
 
 
-# --- ids ---------------------------------------------------------------------------------------------------------------
+# --- ids ------------------------------------------------------------------------------------------
 
 
-def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(central: LocalCentral, user: Client) -> None:
+def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(
+    central: LocalCentral, user: Client
+) -> None:
     stop, other = user.command(STOP), user.command(STOP)
     points = stop.achieving.end, other.achieving.end
     assert points[0] == stop.achieving.end != points[1]
@@ -334,7 +359,11 @@ def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(central: LocalCe
     assert points[0] == known != points[1]
     assert len({points[0], known, points[1]}) == 2
     assert str(points[1]) == "end achieving task 2"
-    assert (f"{points[0].task:03d}", 0 < points[0].task <= 1, points[0].task != 1) == ("001", True, False)
+    assert (f"{points[0].task:03d}", 0 < points[0].task <= 1, points[0].task != 1) == (
+        "001",
+        True,
+        False,
+    )
     copy = pickle.loads(pickle.dumps(points[0]))
     assert (copy, type(copy.task)) == (points[0], EpochNumber)
 
@@ -351,13 +380,21 @@ def test_another_connection_names_it_by_its_id(central: LocalCentral, user: Clie
     with connect("other", central) as other:
         point = user.command(STOP).achieving.end
         assert other.goal(REST, constraints=[point <= this.achieving.start]).id == 2
-    (held,) = [fact for fact in central.facts if isinstance(fact, Received) and fact.message == "rest"]
+    (held,) = [
+        fact for fact in central.facts if isinstance(fact, Received) and fact.message == "rest"
+    ]
     assert [one.before.task for one in held.constraints] == [1]
 
 
 @pytest.mark.parametrize("is_waiting", [True, False], ids=["waits", "is busy"])
-def test_another_thread_names_it_by_its_id(central: LocalCentral, user: Client, *, is_waiting: bool) -> None:
-    point, sent, done = user.command(STOP).achieving.end, queue.SimpleQueue[int](), threading.Event()
+def test_another_thread_names_it_by_its_id(
+    central: LocalCentral, user: Client, *, is_waiting: bool
+) -> None:
+    point, sent, done = (
+        user.command(STOP).achieving.end,
+        queue.SimpleQueue[int](),
+        threading.Event(),
+    )
 
     def use() -> None:
         with connect("other", central) as other:
@@ -402,7 +439,9 @@ def test_in_a_handler_it_hangs_under_the_handlers_task(robot: Robot, user: Clien
     )
 
 
-def test_whether_it_is_handled_is_known_when_it_is_sent(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_whether_it_is_handled_is_known_when_it_is_sent(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     assert user.execute_if_handled(STOP) is None
     legs.handles(STOP)(lambda _: None)
     with legs.running():
@@ -411,7 +450,7 @@ def test_whether_it_is_handled_is_known_when_it_is_sent(central: LocalCentral, u
         assert sent.result(SOON) is None
 
 
-# --- breaks ------------------------------------------------------------------------------------------------------------
+# --- breaks ---------------------------------------------------------------------------------------
 
 
 def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client) -> None:
@@ -425,7 +464,9 @@ def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client
     assert sorted(robot.done) == sorted(f"leg {number}" for number in range(30))
 
 
-def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(central: LocalCentral) -> None:
+def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(
+    central: LocalCentral,
+) -> None:
     user = connect("user", central)
     stops = [user.command(STOP), user.command(STOP)]
     central.restart("two")
@@ -435,13 +476,18 @@ def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(centra
         user.close()
 
 
-def test_a_task_that_is_given_up_unheard_is_called_back(central: LocalCentral, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_that_is_given_up_unheard_is_called_back(
+    central: LocalCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with connect("user", central) as user:
         stop = user.command(STOP)
         link = user._connection()
         monkeypatch.setattr(link.transport, "receive", lambda *_: None)
         link.waiting.patience = 0.0
-        with pytest.raises(CentralLost, match="command 'stop' is killed as soon as central answers, if it had heard"):
+        with pytest.raises(
+            CentralLost,
+            match="command 'stop' is killed as soon as central answers, if it had heard",
+        ):
             stop.result()
         monkeypatch.undo()
         link.waiting.patience = SOON
@@ -472,7 +518,10 @@ def test_a_killed_handler_is_told_as_ever(robot: Robot, user: Client) -> None:
 
 def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
     """Else a restart would leave them in doubt, however long ago they were sent."""
-    with RealCentral(f"ipc://{tmp_path}/central.sock") as central, connect("user", central.address) as user:
+    with (
+        RealCentral(f"ipc://{tmp_path}/central.sock") as central,
+        connect("user", central.address) as user,
+    ):
         user.command(STOP)
         link = user._connection()
 
@@ -483,7 +532,7 @@ def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
         until(is_told, "central has told the id")
 
 
-# --- packets -----------------------------------------------------------------------------------------------------------
+# --- packets --------------------------------------------------------------------------------------
 
 
 class Counted(LocalCentral):
@@ -520,9 +569,12 @@ def use_goal(user: Client) -> None:
 
 
 @pytest.mark.parametrize(
-    ("use", "there", "back"), [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)]
+    ("use", "there", "back"),
+    [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
-def test_nothing_travels_that_nobody_needs(use: Callable[[Client], None], there: int, back: int) -> None:
+def test_nothing_travels_that_nobody_needs(
+    use: Callable[[Client], None], there: int, back: int
+) -> None:
     """As docs/protocol.md has it."""
     with Counted() as central:
         legs, planner = Module("legs", central), Module("planner", central)

@@ -79,7 +79,9 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert said(session) == [HANDLERS]
     assert known_as(session, tap()) == ("two", 1)
     assert known_as(session, attach()) == ("two", 2)
-    assert session.complaints == ["central was restarted: exception handlers and wiretaps attached anew: 2"]
+    assert session.complaints == [
+        "central was restarted: exception handlers and wiretaps attached anew: 2"
+    ]
 
 
 def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
@@ -90,21 +92,31 @@ def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
     assert said(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
 
 
-def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(session: Session) -> None:
+def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
+    session: Session,
+) -> None:
     until = Point(TaskId(7), Moment.END_ACHIEVING)
-    guard = Tap(0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until))
+    guard = Tap(
+        0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until)
+    )
     hear(session, Accepted(session.request(guard).header.number, 12))
     said(session)
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach]
     (complaint,) = session.complaints
-    assert complaint.startswith("the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted")
-    assert complaint.endswith("has forgotten its tree, in which it was to watch until end achieving task 7")
+    assert complaint.startswith(
+        "the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted"
+    )
+    assert complaint.endswith(
+        "has forgotten its tree, in which it was to watch until end achieving task 7"
+    )
     hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
     assert said(session) == [HANDLERS]
     assert session.attachments.of(guard) is None
 
 
-def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(session: Session) -> None:
+def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(
+    session: Session,
+) -> None:
     walk = session.request(A_GOAL)
     hear(session, Accepted(walk.header.number, 7))
     under = session.request(Send(0, "walk", parent=TaskId(7)))
@@ -113,12 +125,17 @@ def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(se
     assert under.lost
     assert [type(header) for header in said(session)] == [Register, Tap, Attach]
     assert walk.accepted is not None
-    assert (walk.accepted, walk.accepted.epoch) == (7, "one")  # its own, whatever is heard before it is looked at
+    assert (walk.accepted, walk.accepted.epoch) == (
+        7,
+        "one",
+    )  # its own, whatever is heard before it is looked at
 
 
 def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Session) -> None:
     hear(session, Unknown())
-    mine, handlers = (SetVariable(0, "level", origin) for origin in (0, with_epoch(8, "one", "'walk'")))
+    mine, handlers = (
+        SetVariable(0, "level", origin) for origin in (0, with_epoch(8, "one", "'walk'"))
+    )
     kept, lost = session.request(mine), session.request(handlers)
     hear(session, welcome("two"))
     assert not kept.lost
@@ -134,10 +151,16 @@ def test_what_was_asked_before_comes_after_it(session: Session) -> None:
     assert walk.accepted == 5
 
 
-def test_a_break_repeats_what_is_not_answered_and_still_holds_the_handlers_back(session: Session) -> None:
+def test_a_break_repeats_what_is_not_answered_and_still_holds_the_handlers_back(
+    session: Session,
+) -> None:
     restart(session, "two")
     hear(session, Accepted(5, 1))
-    assert restart(session, "two") == [Register(0, [WALK, CHECK], []), Register(4, [WALK, CHECK], []), attach(6)]
+    assert restart(session, "two") == [
+        Register(0, [WALK, CHECK], []),
+        Register(4, [WALK, CHECK], []),
+        attach(6),
+    ]
     hear(session, Accepted(4), Accepted(6, 2))
     assert said(session) == [HANDLERS]
 
@@ -158,7 +181,9 @@ def test_what_is_removed_while_it_is_attached_anew_is_taken_away_again(session: 
     assert said(session) == [Remove(7, 1), HANDLERS]
 
 
-def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_away(session: Session) -> None:
+def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_away(
+    session: Session,
+) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     restart(session, "two")
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
@@ -172,7 +197,10 @@ def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_aw
 def test_the_first_connection_attaches_for_all(session: Session) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     hear(slot, welcome("one"))
-    hear(slot, Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12))
+    hear(
+        slot,
+        Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12),
+    )
     said(slot)
     assert restart(slot, "two") == []
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach, Tap]
@@ -180,10 +208,19 @@ def test_the_first_connection_attaches_for_all(session: Session) -> None:
 
 def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> None:
     restart(session, "two")
-    hear(session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already"))
+    hear(
+        session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already")
+    )
     assert said(session) == []
-    assert "refuses the exception handler 'recover' of all 'walk': there are 1000 already" in session.complaints[0]
-    for now, expected in [(1.0, []), (1.0 + AGAIN / 2, []), (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)])]:
+    assert (
+        "refuses the exception handler 'recover' of all 'walk': there are 1000 already"
+        in session.complaints[0]
+    )
+    for now, expected in [
+        (1.0, []),
+        (1.0 + AGAIN / 2, []),
+        (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)]),
+    ]:
         session.heard = now
         session.tend(now, now)
         assert said(session) == expected
@@ -204,7 +241,9 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
     for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
         session.heard = now
         session.tend(now, now)
-    assert session.complaints == ["waits for handlers of 'check', which it requires; see 'tca messages'"]
+    assert session.complaints == [
+        "waits for handlers of 'check', which it requires; see 'tca messages'"
+    ]
     hear(session, Answer(7))
     assert said(session) == [HANDLERS]
 
@@ -224,7 +263,7 @@ def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_n
     assert attachments.unknown_to("one") == []
 
 
-# --- A task that is given up before central has said that it was taken is called back --------------------------------
+# --- A task that is given up before central has said that it was taken is called back -------------
 
 
 REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)
@@ -274,7 +313,11 @@ def test_a_central_that_was_restarted_has_nothing_to_call_back(declared: Session
 def test_monitors_are_called_back_and_what_is_no_task_is_not(declared: Session) -> None:
     given_up.abandon(declared, declared.request(Send(0, "look")))
     assert said(declared) == [Send(2, "look"), callback(3, 2)]
-    for header in (Send(0, "say", if_handled=True), Send(0, "rest", when_killed=True), Register(0, [])):
+    for header in (
+        Send(0, "say", if_handled=True),
+        Send(0, "rest", when_killed=True),
+        Register(0, []),
+    ):
         given_up.abandon(declared, declared.request(header))
     assert not [header for header in said(declared) if isinstance(header, Kill)]
     given_up.abandon(declared, declared.request(A_REST, wants_answer=True))

@@ -45,7 +45,9 @@ def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
     assert [foot.leg for foot in moved] == [3, 4]
 
 
-def test_a_handler_need_not_stay_for_it(legs: Module, eyes: Module, user: Client, central: LocalCentral) -> None:
+def test_a_handler_need_not_stay_for_it(
+    legs: Module, eyes: Module, user: Client, central: LocalCentral
+) -> None:
     """The function is called in the handler's thread, and sends under the root."""
     moved, returned = queue.Queue[str](), threading.Event()
     eyes.handles(STANCE)(lambda _, radius: [int(radius)] if returned.wait(SOON) else [])
@@ -65,11 +67,15 @@ def test_a_handler_need_not_stay_for_it(legs: Module, eyes: Module, user: Client
         user.goal(REST).result(SOON)
         returned.set()
         assert moved.get(timeout=SOON) == "legs 1"
-    sent = [fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]
+    sent = [
+        fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"
+    ]
     assert [(fact.parent, fact.sender) for fact in sent] == [(0, "legs")]
 
 
-def test_failures_are_told_or_logged(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
+def test_failures_are_told_or_logged(
+    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
     failures: list[Exception] = []
 
     @legs.handles(STANCE)
@@ -78,7 +84,9 @@ def test_failures_are_told_or_logged(legs: Module, user: Client, caplog: pytest.
 
     with legs.running():
         never: list[object] = []
-        told = user.query_notify(STANCE, 3.0, lambda *_: never.append(1), lambda _, error: failures.append(error))
+        told = user.query_notify(
+            STANCE, 3.0, lambda *_: never.append(1), lambda _, error: failures.append(error)
+        )
         assert told.wait(SOON)
         assert not caplog.records
         assert user.query_notify(STANCE, 3.0, lambda *_: never.append(1)).wait(SOON)
@@ -88,7 +96,9 @@ def test_failures_are_told_or_logged(legs: Module, user: Client, caplog: pytest.
     assert "QueryFailed: query 'stance' failed: collision: rock" in caplog.text
 
 
-def test_an_error_in_a_function_is_logged(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_error_in_a_function_is_logged(
+    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
 
     def fails(sender: Sender, degrees: float) -> None:
@@ -136,7 +146,9 @@ def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> N
     assert len(caught) == 1
 
 
-def test_a_query_that_was_given_up_calls_nothing(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_a_query_that_was_given_up_calls_nothing(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     called: list[float] = []
     note = user.query_notify(TEMPERATURE, None, lambda _, degrees: called.append(degrees))
     assert not note.wait(0.0)
@@ -146,10 +158,14 @@ def test_a_query_that_was_given_up_calls_nothing(legs: Module, user: Client, cen
     with legs.running():
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
     assert not called
-    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == ["no module handles it"]
+    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
+        "no module handles it"
+    ]
 
 
-def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(legs: Module, user: Client) -> None:
+def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(
+    legs: Module, user: Client
+) -> None:
     called: list[int] = []
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
@@ -160,9 +176,13 @@ def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(legs: Module, u
     assert not called
 
 
-def test_a_reply_that_is_lost_is_a_failure(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_a_reply_that_is_lost_is_a_failure(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     failures: list[Exception] = []
-    note = user.query_notify(TEMPERATURE, None, lambda *_: None, lambda _, error: failures.append(error))
+    note = user.query_notify(
+        TEMPERATURE, None, lambda *_: None, lambda _, error: failures.append(error)
+    )
     central.restart("afresh")
     assert note.wait(SOON)
     assert isinstance(failures[0], CentralLost)
@@ -207,7 +227,10 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
 def test_central_that_beats_and_does_not_answer() -> None:
     connection, central = connected()
     central.beat()
-    with pytest.raises(Timeout, match=r"the question for tree was not answered within 30 s, though central is alive"):
+    with pytest.raises(
+        Timeout,
+        match=r"the question for tree was not answered within 30 s, though central is alive",
+    ):
         Client(connection).status("tree")
     assert 130 <= central.now <= 131
 
@@ -217,7 +240,10 @@ def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
     caught = queue.Queue[str]()
 
     def elsewhere(task: Task) -> None:
-        calls: list[Callable[[], object]] = [lambda: task.query(TEMPERATURE), lambda: task.cancelled]
+        calls: list[Callable[[], object]] = [
+            lambda: task.query(TEMPERATURE),
+            lambda: task.cancelled,
+        ]
         for call in calls:
             try:
                 call()
@@ -236,7 +262,7 @@ def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
         assert "belongs to thread " in caught.get(timeout=SOON)
 
 
-# --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ----------------------
+# --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ---
 
 
 ASK = Command("ask")
@@ -319,7 +345,9 @@ def test_a_coroutine_that_awaits_a_reply_is_seen_to_wait(
     assert [fact.blocking for fact in central.facts if isinstance(fact, Received)] == [False, False]
 
 
-def test_who_asks_and_goes_on_does_not_wait(central: LocalCentral, legs: Module, eyes: Module, user: Client) -> None:
+def test_who_asks_and_goes_on_does_not_wait(
+    central: LocalCentral, legs: Module, eyes: Module, user: Client
+) -> None:
     is_asked = threading.Event()
 
     @legs.handles(ASK)
@@ -337,7 +365,9 @@ def test_who_asks_and_goes_on_does_not_wait(central: LocalCentral, legs: Module,
 
     with legs.running(), eyes.running():
         user.command(ASK).result(SOON)
-    assert not [fact for fact in central.facts if isinstance(fact, Awaited)]  # the reply was there when it was wanted
+    assert not [
+        fact for fact in central.facts if isinstance(fact, Awaited)
+    ]  # the reply was there when it was wanted
 
 
 @contextmanager
@@ -363,7 +393,9 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     with legs.running(), busy(eyes, user):
         asked = user.command(ASK)
         assert asked.wait(SOON) == "failed"
-        with pytest.raises(Exception, match=r"within 0.02 s: it is queued for eyes, busy with tempe"):
+        with pytest.raises(
+            Exception, match=r"within 0.02 s: it is queued for eyes, busy with tempe"
+        ):
             asked.result(SOON)
     history = History.until(central.entries)
     (run,) = (run for run in history.handlings if run.name == "ask")
@@ -374,7 +406,7 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     assert why == "it is queued for eyes, busy with temperature {1}"
 
 
-# --- Handlers that leave the answer to somebody else -----------------------------------------------------------------
+# --- Handlers that leave the answer to somebody else ----------------------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -408,7 +440,9 @@ def test_until_then_the_place_in_the_resource_is_taken(
             assert owed.empty()
             later.reply(Footfall(leg, 0.0))
         assert [move.result(SOON).leg for move in moves] == [0, 1, 2]
-    order = [type(fact).__name__ for fact in central.facts if isinstance(fact, Delivered | Returned)]
+    order = [
+        type(fact).__name__ for fact in central.facts if isinstance(fact, Delivered | Returned)
+    ]
     assert order == ["Delivered", "Returned"] * 3
 
 
@@ -422,8 +456,14 @@ def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
         thread = threading.Thread(target=later.reply, args=([1],))
         thread.start()
         thread.join(SOON)
-        assert task.query(TEMPERATURE, timeout=SOON) == 36.6  # a wait in which the answer does not leave yet
-        assert not [fact for fact in central.facts if isinstance(fact, Returned) and fact.id == task.delivery]
+        assert (
+            task.query(TEMPERATURE, timeout=SOON) == 36.6
+        )  # a wait in which the answer does not leave yet
+        assert not [
+            fact
+            for fact in central.facts
+            if isinstance(fact, Returned) and fact.id == task.delivery
+        ]
         return later
 
     legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -448,8 +488,12 @@ def test_a_timer_answers(legs: Module, user: Client, *, is_coroutine: bool) -> N
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
 
 
-def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module, user: Client) -> None:
-    """The handler of a nested query leaves the answer to another thread, while the outer handler blocks the slot."""
+def test_what_answers_its_own_query_later_is_heard_within_the_wait(
+    legs: Module, user: Client
+) -> None:
+    """The handler of a nested query leaves the answer to another thread, while the outer handler
+    blocks the slot.
+    """
 
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
@@ -471,10 +515,18 @@ def collides() -> BaseException:
 
 @pytest.mark.parametrize(
     ("error", "failure", "text"),
-    [(collides, "collision", "rock"), (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot")],
+    [
+        (collides, "collision", "rock"),
+        (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot"),
+    ],
 )
 def test_it_may_fail(
-    legs: Module, owed: Owed, user: Client, error: Callable[[], BaseException], failure: str, text: str
+    legs: Module,
+    owed: Owed,
+    user: Client,
+    error: Callable[[], BaseException],
+    failure: str,
+    text: str,
 ) -> None:
     with legs.running():
         move = user.command(MOVE_LEG, 1)
@@ -511,9 +563,13 @@ def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client)
             lambda: user.query(STANCE, 1.0, timeout=SOON),
         ]
         for ask in asks:
-            with pytest.raises(QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"):
+            with pytest.raises(
+                QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"
+            ):
                 ask()
-    with pytest.raises(Stopped, match="'temperature' can't be answered any more: its handler failed: MisuseError"):
+    with pytest.raises(
+        Stopped, match="'temperature' can't be answered any more: its handler failed: MisuseError"
+    ):
         kept[0].reply(36.6)
 
 
@@ -540,7 +596,9 @@ def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Cli
         assert not later.cancelled
         move.kill("enough")
         never = threading.Event()
-        assert any(later.cancelled or never.wait(0.005) for _ in range(1000))  # the thread of its handler listens
+        assert any(
+            later.cancelled or never.wait(0.005) for _ in range(1000)
+        )  # the thread of its handler listens
         pending = user.query_send(TEMPERATURE)  # for the same slot, which is taken until the answer
         later.reply(Footfall(1, 0.0))
         assert move.wait(SOON) is Outcome.KILLED
@@ -548,13 +606,17 @@ def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Cli
         assert not later.cancelled
 
 
-def test_a_module_that_ends_fails_what_it_owes(legs: Module, owed: Owed, user: Client, central: LocalCentral) -> None:
+def test_a_module_that_ends_fails_what_it_owes(
+    legs: Module, owed: Owed, user: Client, central: LocalCentral
+) -> None:
     with legs.running():
         move = user.command(MOVE_LEG, 1)
         later = owed.get(timeout=SOON)
     with pytest.raises(TaskFailed, match="module lost: its module ended before it was answered"):
         move.result(SOON)
-    with pytest.raises(Stopped, match=r"move leg \{1\} can't be answered any more: its module has ended"):
+    with pytest.raises(
+        Stopped, match=r"move leg \{1\} can't be answered any more: its module has ended"
+    ):
         later.reply(Footfall(1, 0.0))
     assert [fact.failure for fact in central.facts if isinstance(fact, Failed)] == ["module lost"]
 

@@ -1,4 +1,6 @@
-"""A handler hears what clients ask of its task, accepts or rejects it, and reports what it has got so far."""
+"""A handler hears what clients ask of its task, accepts or rejects it, and reports what it has got
+so far.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,7 +40,11 @@ class Grip:
 
 
 GRASP = Command("grasp", Grip, result=str, progress=float)
-HOLD, WALK, TALK = Command("hold", Grip, result=str), Goal("walk", int), Command("talk", life_cycle=BASIC)
+HOLD, WALK, TALK = (
+    Command("hold", Grip, result=str),
+    Goal("walk", int),
+    Command("talk", life_cycle=BASIC),
+)
 LOUDER = LifeCycle(
     "louder",
     [
@@ -106,9 +112,12 @@ def test_a_task_is_accepted_updated_and_done(user: Client, arm: Arm, central: Lo
     central.advance(10)
     assert grasp.result() == "holds cup"
     assert [(one.transition, one.state, one.goal.item) for one in changes] == [
-        ("accepted", "running", "pen"), ("result available", "running", "pen"), ("update", "update requested", "pen"),
-        ("accept", "running", "cup"), ("completed", "done", "cup"),
-    ]  # fmt: skip
+        ("accepted", "running", "pen"),
+        ("result available", "running", "pen"),
+        ("update", "update requested", "pen"),
+        ("accept", "running", "cup"),
+        ("completed", "done", "cup"),
+    ]
     assert arm.heard == ["update requested: update"]
 
 
@@ -123,21 +132,27 @@ def test_it_is_rejected_with_a_reason(user: Client, arm: Arm) -> None:
 def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
-    with pytest.raises(Rejected, match=r"the update of command 'grasp' was rejected: it can't be") as rejected:
+    with pytest.raises(
+        Rejected, match=r"the update of command 'grasp' was rejected: it can't be"
+    ) as rejected:
         grasp.update(Grip("wall"))
     assert rejected.value.reason == "it can't be"
     central.advance(10)
     assert grasp.result() == "holds pen"
 
 
-def test_a_server_makes_another_goal_of_the_one_asked_for(user: Client, central: LocalCentral) -> None:
+def test_a_server_makes_another_goal_of_the_one_asked_for(
+    user: Client, central: LocalCentral
+) -> None:
     arm = Module("arm", central)
 
     @arm.handles(HOLD, takes=["update", "cancel"])
     def hold(task: Task, grip: Grip) -> str:
         for request in task.requests():
             if request.transition == "cancel":
-                with pytest.raises(MisuseError, match="is for no goal: accept\\(\\) it without one"):
+                with pytest.raises(
+                    MisuseError, match="is for no goal: accept\\(\\) it without one"
+                ):
                     request.accept(grip)
                 raise task.aborted()
             grip = Grip(f"{grip.item} and {request.goal.item}")
@@ -161,11 +176,15 @@ def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCe
     assert grasp.state == "running"
     grasp.cancel("the pen is hot")
     assert grasp.wait() is Outcome.KILLED
-    seen = [(one.transition, one.state, one.text) for one in changes if one.transition and not one.data]
+    seen = [
+        (one.transition, one.state, one.text) for one in changes if one.transition and not one.data
+    ]
     assert seen == [
-        ("cancel", "cancel requested", ""), ("cancel failed", "running", "it can't be"),
-        ("cancel", "cancel requested", "the pen is hot"), ("aborted", "cancelled", "the pen is hot (by user)"),
-    ]  # fmt: skip
+        ("cancel", "cancel requested", ""),
+        ("cancel failed", "running", "it can't be"),
+        ("cancel", "cancel requested", "the pen is hot"),
+        ("aborted", "cancelled", "the pen is hot (by user)"),
+    ]
 
 
 def test_a_cancel_is_heard_also_if_it_comes_before_the_task_is_accepted(
@@ -177,7 +196,9 @@ def test_a_cancel_is_heard_also_if_it_comes_before_the_task_is_accepted(
     assert arm.heard == ["cancel requested: cancel at once"]
 
 
-def test_what_a_handler_does_before_it_looks_counts_first(user: Client, central: LocalCentral) -> None:
+def test_what_a_handler_does_before_it_looks_counts_first(
+    user: Client, central: LocalCentral
+) -> None:
     feet = Module("feet", central)
 
     @feet.handles(WALK, accepts=True, takes=["cancel"])
@@ -194,7 +215,12 @@ def test_what_a_handler_does_before_it_looks_counts_first(user: Client, central:
         walking.cancel()
         central.advance(2)
         seen = [(one.transition, one.by) for one in changes]
-    assert seen == [("cancel", "client"), ("accepted", "server"), ("cancel", "client"), ("completed", "server")]
+    assert seen == [
+        ("cancel", "client"),
+        ("accepted", "server"),
+        ("cancel", "client"),
+        ("completed", "server"),
+    ]
 
 
 def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentral) -> None:
@@ -203,7 +229,11 @@ def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentra
     hold.update(Grip("tea"))
     hold.cancel("enough")
     assert hold.wait() is Outcome.KILLED
-    assert arm.heard == ["update requested: update", "update requested: update", "cancel requested: cancel enough"]
+    assert arm.heard == [
+        "update requested: update",
+        "update requested: update",
+        "cancel requested: cancel enough",
+    ]
     killed = user.command(HOLD, Grip("pen"))
     central.until_quiet()
     killed.kill()
@@ -288,7 +318,9 @@ def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
         task.sleep(1)
         while (request := task.wait_for_request(5)) is not None:
             heard.append(f"{request.transition} while {task.state}")
-            with pytest.raises(MisuseError, match=r"'\w+' of sing .* can't be rejected: life cycle 'louder' has no"):
+            with pytest.raises(
+                MisuseError, match=r"'\w+' of sing .* can't be rejected: life cycle 'louder' has no"
+            ):
                 request.reject()
             assert request.accept()
             if request.transition == "pause":
@@ -365,21 +397,36 @@ def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentra
 
 def test_options_that_can_not_be(central: LocalCentral) -> None:
     feet = Module("feet", central)
-    with pytest.raises(MisuseError, match="goal 'walk' has no client's transition 'pause': life cycle 'general' has"):
+    with pytest.raises(
+        MisuseError,
+        match="goal 'walk' has no client's transition 'pause': life cycle 'general' has",
+    ):
         feet.handles(WALK, takes=["pause"])
-    with pytest.raises(MisuseError, match="goal 'walk' can't be handled with 'update' both taken and refused"):
+    with pytest.raises(
+        MisuseError, match="goal 'walk' can't be handled with 'update' both taken and refused"
+    ):
         feet.handles(WALK, takes=["update"], refuses=["update"])
-    with pytest.raises(MisuseError, match="query 'free' can't be handled with accepts=: only tasks have states"):
+    with pytest.raises(
+        MisuseError, match="query 'free' can't be handled with accepts=: only tasks have states"
+    ):
         feet.handles(FREE, accepts=True)
-    with pytest.raises(MisuseError, match=r"takes must be a list of transitions, such as .*, not 'update'"):
+    with pytest.raises(
+        MisuseError, match=r"takes must be a list of transitions, such as .*, not 'update'"
+    ):
         feet.handles(WALK, takes="update")
-    with pytest.raises(MisuseError, match="goal 'walk' has no option take: the options are resource, pool, "):
+    with pytest.raises(
+        MisuseError, match="goal 'walk' has no option take: the options are resource, pool, "
+    ):
         feet.handles(WALK, take=["update"])  # type: ignore[call-overload]
-    with pytest.raises(MisuseError, match="when_busy must be 'queue', 'preempt' or 'reject', or None, not 'wait'"):
+    with pytest.raises(
+        MisuseError, match="when_busy must be 'queue', 'preempt' or 'reject', or None, not 'wait'"
+    ):
         feet.handles(WALK, when_busy="wait")  # type: ignore[call-overload]
 
 
-def test_whoever_owes_the_reply_reports_and_hears_requests(user: Client, central: LocalCentral) -> None:
+def test_whoever_owes_the_reply_reports_and_hears_requests(
+    user: Client, central: LocalCentral
+) -> None:
     arm, owed = Module("arm", central), list[LaterReply[str]]()
 
     @arm.handles(GRASP, accepts=True, takes=["update"])
@@ -395,7 +442,11 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(user: Client, central
         later.accept()
         later.report(0.7)
         central.until_quiet()
-        assert (later.state, grasping.state, next(grasping.progress(float))) == ("running", "running", 0.7)
+        assert (later.state, grasping.state, next(grasping.progress(float))) == (
+            "running",
+            "running",
+            0.7,
+        )
         update = grasping.update_send(Grip("cup"))
         central.until_quiet()
         request = later.request
@@ -405,7 +456,9 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(user: Client, central
         update.wait(SOON)
         later.reply("held")
         assert grasping.result() == "held"
-        with pytest.raises(MisuseError, match=r"grasp \{1\} has been answered already: accept, report"):
+        with pytest.raises(
+            MisuseError, match=r"grasp \{1\} has been answered already: accept, report"
+        ):
             later.report(0.8)
 
 
@@ -420,12 +473,14 @@ def test_a_goal_that_is_none_is_rejected_by_the_library(
     central.advance(10)
     assert grasp.result() == "holds pen"
     (rejected,) = (one.text for one in changes if one.transition == "reject")
-    assert rejected == "command 'grasp' came with data that is no Grip: Expected `object`, got `int`"
+    assert (
+        rejected == "command 'grasp' came with data that is no Grip: Expected `object`, got `int`"
+    )
     assert not arm.heard
     assert "'update' of grasp {1} is rejected" in caplog.text
 
 
-# --- Busy handlers -------------------------------------------------------------------------------------------------------
+# --- Busy handlers --------------------------------------------------------------------------------
 
 
 def test_a_busy_handler_rejects_or_is_pre_empted(user: Client, central: LocalCentral) -> None:

@@ -1,4 +1,6 @@
-"""Clients and handlers that do what they like, all at once: each update gets a word, each task one end, and all agree."""
+"""Clients and handlers that do what they like, all at once: each update gets a word, each task one
+end, and all agree.
+"""
 
 import random
 import threading
@@ -43,7 +45,11 @@ class Fickle:
             task.accept()
         for step in range(dice.randrange(40) if task.state != "initiated" else 0):
             task.report(step)
-            request = task.request if dice.random() < 0.5 else task.wait_for_request(dice.random() * 0.003)
+            request = (
+                task.request
+                if dice.random() < 0.5
+                else task.wait_for_request(dice.random() * 0.003)
+            )
             if request is None or dice.random() < 0.2:
                 continue
             is_granted = dice.random() < 0.5

@@ -1,4 +1,6 @@
-"""What deals with a failure: a retry, a kill, or an exception handler that calls resolved() and ends well."""
+"""What deals with a failure: a retry, a kill, or an exception handler that calls resolved() and
+ends well.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -94,9 +96,16 @@ def answer_later(task: Task) -> Any:
 
 @pytest.mark.parametrize(
     ("looks", "outcome"),
-    [([resolve], RESOLVED), ([answer_later], RESOLVED), ([retry, resolve], RESOLVED), ([kill], FAILED)],
+    [
+        ([resolve], RESOLVED),
+        ([answer_later], RESOLVED),
+        ([retry, resolve], RESOLVED),
+        ([kill], FAILED),
+    ],
 )
-def test_a_failure_ends_as_its_handlers_say(them: Robot, user: Client, looks: list[Any], outcome: Any) -> None:
+def test_a_failure_ends_as_its_handlers_say(
+    them: Robot, user: Client, looks: list[Any], outcome: Any
+) -> None:
     them.looks = looks[:]
     assert user.command(STEP, on_failure=ON_SLIP).wait(SOON) is outcome
 
@@ -116,7 +125,11 @@ def test_failure_that_is_only_observed_ends_the_walk(them: Robot, user: Client) 
 def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None:
     them.looks = [resolve, resolve]
     step = user.command(STEP, on_failure=ON_SLIP)
-    ends = [(change.state, change.transition, change.outcome) for change in step.changes(SOON) if change.is_over]
+    ends = [
+        (change.state, change.transition, change.outcome)
+        for change in step.changes(SOON)
+        if change.is_over
+    ]
     assert step.result(SOON) is None
     assert ends == [("done", RESOLVED, RESOLVED)]
     assert user.goal(WALK, on_failure=ON_SLIP).wait(SOON) is DONE
@@ -131,7 +144,9 @@ def test_result_of_a_resolved_task_is_an_error_when_declared(them: Robot, user: 
 
 
 @pytest.mark.parametrize(("look", "outcome"), [(resolve, RESOLVED), (observe, FAILED)])
-def test_failure_beside_a_handler_is_resolved_or_ends_it(them: Robot, user: Client, look: Any, outcome: Any) -> None:
+def test_failure_beside_a_handler_is_resolved_or_ends_it(
+    them: Robot, user: Client, look: Any, outcome: Any
+) -> None:
     looked = threading.Event()
     them.looks = [lambda task: [look(task), looked.set()][0]]  # type: ignore[func-returns-value]
     weighed = user.command(SLOW, on_failure=ON_SLIP)

@@ -107,7 +107,9 @@ def restarted(central: LocalCentral, user: Client, epoch: str = "afresh") -> Non
 
 def attached(user: Client) -> list[str]:
     known = user.status("attached")
-    return [one["handler"] for one in known["exception_handlers"]] + [one["listener"] for one in known["wiretaps"]]
+    return [one["handler"] for one in known["exception_handlers"]] + [
+        one["listener"] for one in known["wiretaps"]
+    ]
 
 
 def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely_on_it(
@@ -125,7 +127,11 @@ def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely
         assert robot.moves(2, user) == ["check 2", "move 2"]
         assert robot.moves(-1, user) == ["check -1", "move -1", "stop"]
         anew = central.facts[before:]
-        order = [type(fact) for fact in anew if getattr(fact, "module", "") != "legs" and type(fact) in ATTACHING]
+        order = [
+            type(fact)
+            for fact in anew
+            if getattr(fact, "module", "") != "legs" and type(fact) in ATTACHING
+        ]
     assert order[: order.index(facts.HandlerAdded)] == [facts.TapAdded, facts.Attached]
 
 
@@ -204,7 +210,9 @@ def test_what_was_attached_to_a_task_is_gone_with_it(central: LocalCentral, user
     assert attached(user) == []
 
 
-def test_what_an_operator_took_away_is_there_again(central: LocalCentral, robot: Robot, user: Client) -> None:
+def test_what_an_operator_took_away_is_there_again(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
     """Whoever attached it wants it still: as after a restart of that module."""
 
     @robot.safety.at_start
@@ -218,10 +226,10 @@ def test_what_an_operator_took_away_is_there_again(central: LocalCentral, robot:
         assert robot.moves(1, user) == ["check 1", "move 1"]
 
 
-# --- before the handlers ---------------------------------------------------------------------------------------------
+# --- before the handlers --------------------------------------------------------------------------
 
 
-# --- A restarted central gives its first messages the numbers of old ones --------------------------------------------
+# --- A restarted central gives its first messages the numbers of old ones -------------------------
 
 
 WORK = Command("work", str, result=str)
@@ -241,7 +249,9 @@ def the_new_one_has_the_number_and_its_own_answer(
     assert new.result(SOON) == "new"
 
 
-def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(central: LocalCentral, user: Client) -> None:
+def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
+    central: LocalCentral, user: Client
+) -> None:
     module, begun, go_on = Module("worker", central), queue.Queue[str](), threading.Event()
 
     @module.handles(WORK)
@@ -282,7 +292,9 @@ def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
         the_new_one_has_the_number_and_its_own_answer(central, user, begun)
 
 
-def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(central: LocalCentral, user: Client) -> None:
+def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(
+    central: LocalCentral, user: Client
+) -> None:
     module, owed = Module("worker", central), queue.Queue[LaterReply[str]]()
 
     @module.handles(WORK)
@@ -324,13 +336,21 @@ def test_a_handler_that_holds_while_its_task_is_suspended_holds_no_forgotten_one
         assert read.get(timeout=SOON)
 
 
-# --- A restarted central gives strangers' tasks the numbers of forgotten ones ----------------------------------------
+# --- A restarted central gives strangers' tasks the numbers of forgotten ones ---------------------
 
 
-LABOUR, STRIDE, HALT, NOTICE = Command("work", result=int), Goal("walk"), Command("stop"), Inform("note")
+LABOUR, STRIDE, HALT, NOTICE = (
+    Command("work", result=int),
+    Goal("walk"),
+    Command("stop"),
+    Inform("note"),
+)
 STUCK, FREE = Failure("stuck"), ExceptionHandler("free")
 IS_LOW = Query("is low", reply=bool)
-BATTERY, CUPS = PollingMonitor("battery", condition=IS_LOW, action=HALT), DemonMonitor("cups", action=HALT)
+BATTERY, CUPS = (
+    PollingMonitor("battery", condition=IS_LOW, action=HALT),
+    DemonMonitor("cups", action=HALT),
+)
 LEVEL = Variable("level", int)
 PROBE = PointMonitor("check", condition=IS_LOW, action=HALT)
 
@@ -350,18 +370,30 @@ class Had:
 
 CALLS: dict[str, Callable[[Had], object]] = {
     # points
-    "constrain what comes after it": lambda had: had.user.constrain(had.task.achieving.end <= had.new().handling.start),
-    "constrain it": lambda had: had.user.constrain(had.new().achieving.end <= had.task.handling.start),
-    "constrain, later": lambda had: had.user.constrain(had.task.achieving.end + 1 <= had.new().handling.start),
+    "constrain what comes after it": lambda had: had.user.constrain(
+        had.task.achieving.end <= had.new().handling.start
+    ),
+    "constrain it": lambda had: had.user.constrain(
+        had.new().achieving.end <= had.task.handling.start
+    ),
+    "constrain, later": lambda had: had.user.constrain(
+        had.task.achieving.end + 1 <= had.new().handling.start
+    ),
     "constrain without <=": lambda had: had.user.constrain(
         Constraint(had.task.achieving.end, had.new().achieving.start)
     ),
-    "constrain two of them": lambda had: had.user.constrain(had.goal.achieving.end <= had.task.achieving.start),
-    "send after it": lambda had: had.user.command(LABOUR, constraints=[had.task.achieving.end <= this.achieving.start]),
+    "constrain two of them": lambda had: had.user.constrain(
+        had.goal.achieving.end <= had.task.achieving.start
+    ),
+    "send after it": lambda had: had.user.command(
+        LABOUR, constraints=[had.task.achieving.end <= this.achieving.start]
+    ),
     "kill after it": lambda had: had.new().kill(after=had.task.achieving.end),
     "wait for its point": lambda had: had.new().wait_for(had.task.handling.start, SOON),
     "a deadline for its point": lambda had: had.new().deadline(3, had.task.achieving.end),
-    "watch until it ends": lambda had: had.user.monitor(BATTERY, period=1, until=had.task.achieving.end),
+    "watch until it ends": lambda had: had.user.monitor(
+        BATTERY, period=1, until=had.task.achieving.end
+    ),
     "watch after it": lambda had: had.user.monitor(
         PROBE, constraints=[had.task.achieving.end <= this.achieving.start], sequential=False
     ),
@@ -425,7 +457,9 @@ def state_of(stranger: Client) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("has_heard", [True, False], ids=["known", "unheard"])
 @pytest.mark.parametrize("call", CALLS)
-def test_a_forgotten_task_is_nobody_elses(central: LocalCentral, user: Client, call: str, *, has_heard: bool) -> None:
+def test_a_forgotten_task_is_nobody_elses(
+    central: LocalCentral, user: Client, call: str, *, has_heard: bool
+) -> None:
     had = had_by(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
@@ -440,7 +474,9 @@ def test_a_forgotten_task_is_nobody_elses(central: LocalCentral, user: Client, c
         assert state_of(stranger) == before
 
 
-def test_what_was_attached_to_it_is_not_removed_from_others(central: LocalCentral, user: Client) -> None:
+def test_what_was_attached_to_it_is_not_removed_from_others(
+    central: LocalCentral, user: Client
+) -> None:
     had = had_by(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
@@ -490,7 +526,9 @@ def test_a_handler_of_a_forgotten_task_sends_nothing_as_anothers(
         assert [task.id for task in stranger.tasks()] == [task.id for task in strangers]
 
 
-def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(central: LocalCentral, user: Client) -> None:
+def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(
+    central: LocalCentral, user: Client
+) -> None:
     first = user.command(LABOUR)
     assert first.id == 1
     central.restart("two")
@@ -536,10 +574,14 @@ def test_a_number_of_the_old_central_is_known_as_one_whatever_says_it() -> None:
     connection, central = connected()
     task, delivery = with_epoch(TaskId(3), "one", "walk {3}"), with_epoch(8, "one", "walk {3}")
     central.say(Unknown(), Welcome(1, 1, "legs", "two"))
-    with pytest.raises(CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "):
+    with pytest.raises(
+        CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "
+    ):
         connection.call(Send(0, "walk", parent=task), "goal 'walk'")  # by this call it is known
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
         connection.post(Send(0, "position", origin=delivery), b"")
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
-        connection.request(headers.AwaitPoint(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True)
+        connection.request(
+            headers.AwaitPoint(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True
+        )
     assert {type(header) for header in central.heard} == {Register}

@@ -1,4 +1,6 @@
-"""Senders that send more than is handled: dropped without a word, refused who asks, or waiting for room."""
+"""Senders that send more than is handled: dropped without a word, refused who asks, or waiting for
+room.
+"""
 
 import threading
 
@@ -50,7 +52,9 @@ def test_who_asks_is_refused_what_would_be_dropped(
     assert user.status()["dropped"] == 1
 
 
-def test_a_sender_waits_until_there_is_room(central: LocalCentral, legs: Module, user: Client, gate: Gate) -> None:
+def test_a_sender_waits_until_there_is_room(
+    central: LocalCentral, legs: Module, user: Client, gate: Gate
+) -> None:
     handled: list[int] = []
 
     @legs.handles(POSE)
@@ -65,4 +69,6 @@ def test_a_sender_waits_until_there_is_room(central: LocalCentral, legs: Module,
             user.inform(POSE, number, wait=SOON)
         user.broadcast(ALARM, 1, wait=0)  # to nobody
     assert handled == sorted(handled)
-    assert not [fact for fact in central.facts if isinstance(fact, Dropped) and fact.message == "pose"]
+    assert not [
+        fact for fact in central.facts if isinstance(fact, Dropped) and fact.message == "pose"
+    ]

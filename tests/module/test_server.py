@@ -1,4 +1,6 @@
-"""A server is a handler with a method for each thing that clients may want; what it lacks gets a default."""
+"""A server is a handler with a method for each thing that clients may want; what it lacks gets a
+default.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -37,9 +39,13 @@ class Grip:
 
 PAUSABLE = LifeCycle(
     "pausable",
-    [*GENERAL.transitions, Transition("pause", "running", "paused", Party.CLIENT), Transition("go on", "paused", "running"),
-     *ending("paused")],
-)  # fmt: skip
+    [
+        *GENERAL.transitions,
+        Transition("pause", "running", "paused", Party.CLIENT),
+        Transition("go on", "paused", "running"),
+        *ending("paused"),
+    ],
+)
 GRASP, WALK = Command("grasp", Grip, result=str), Goal("walk", int)
 SING = Command("sing", life_cycle=PAUSABLE)
 FREE = Query("free", reply=bool)
@@ -135,7 +141,9 @@ def test_a_blocking_server_hears_requests_while_it_waits(
     grasp.cancel("never")
     central.advance(10)
     assert grasp.result() == "holds cup"
-    assert grasping.seen == [f"grasp {{1}}: {what}" for what in ("cup", "air", "wall", "fire", "never")]
+    assert grasping.seen == [
+        f"grasp {{1}}: {what}" for what in ("cup", "air", "wall", "fire", "never")
+    ]
 
 
 class Counting(Server[int, None]):
@@ -171,10 +179,16 @@ def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalC
     grasp.cancel("the pen is hot")
     assert grasp.wait() is Outcome.KILLED
     last = list(changes)[-1]
-    assert (last.transition, last.state, last.text) == ("aborted", "cancelled", "the pen is hot (by user)")
+    assert (last.transition, last.state, last.text) == (
+        "aborted",
+        "cancelled",
+        "the pen is hot (by user)",
+    )
 
 
-def test_one_that_replies_later_hears_them_between_messages(user: Client, central: LocalCentral) -> None:
+def test_one_that_replies_later_hears_them_between_messages(
+    user: Client, central: LocalCentral
+) -> None:
     arm, server = Module("arm", central), Holding()
     arm.serve(GRASP, server)
     arm.handles(FREE, resource="hand")(lambda _: True)
@@ -219,7 +233,10 @@ def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalC
         assert sing.take("pause")
         central.until_quiet()
         sing.kill()
-        assert [(one.transition, one.text) for one in changes][1:3] == [("pause", ""), ("go on", "after a pause")]
+        assert [(one.transition, one.text) for one in changes][1:3] == [
+            ("pause", ""),
+            ("go on", "after a pause"),
+        ]
 
 
 def test_servers_that_can_not_be(central: LocalCentral) -> None:
@@ -238,7 +255,9 @@ def test_servers_that_can_not_be(central: LocalCentral) -> None:
     for message, server, words in wrong:
         with pytest.raises(MisuseError, match=words):
             arm.serve(message, server)
-    with pytest.raises(MisuseError, match="the methods of the Server say what it takes, not takes="):
+    with pytest.raises(
+        MisuseError, match="the methods of the Server say what it takes, not takes="
+    ):
         arm.serve(GRASP, Grasping(), takes=["update"])
     with pytest.raises(TypeError, match="abstract"):
         Server()  # type: ignore[abstract]

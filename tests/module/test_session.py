@@ -97,7 +97,7 @@ def test_every_message_of_central_has_its_row() -> None:
         assert kind in Session._ON
 
 
-# --- Hello ----------------------------------------------------------------------------------------------------------
+# --- Hello ----------------------------------------------------------------------------------------
 
 
 def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> None:
@@ -110,7 +110,9 @@ def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> 
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
 
-def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_nothing(greeting: Session) -> None:
+def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_nothing(
+    greeting: Session,
+) -> None:
     greeting.request(A_GOAL)
     assert not greeting.post(Send(0, "position"))
     assert said(greeting) == []
@@ -121,13 +123,15 @@ def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_no
     assert said(greeting) == []
 
 
-def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(session: Session) -> None:
+def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(
+    session: Session,
+) -> None:
     session.break_off()
     hear(session, *[Refused(1, Refusal.PROTOCOL, "use one version")] * 3)
     assert session.complaints == ["central refuses this module: use one version"]
 
 
-# --- requests and answers -------------------------------------------------------------------------------------------
+# --- requests and answers -------------------------------------------------------------------------
 
 
 def test_requests_are_numbered_and_answers_find_them(session: Session) -> None:
@@ -155,7 +159,11 @@ def test_a_query_that_was_not_sent_is_accepted_and_a_multi_query_over_with_the_a
 
 def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) -> None:
     walk = session.request(A_GOAL)
-    hear(session, Refused(2, Refusal.CYCLE, "a circle"), Refused(0, Refusal.UNKNOWN, "no such message"))
+    hear(
+        session,
+        Refused(2, Refusal.CYCLE, "a circle"),
+        Refused(0, Refusal.UNKNOWN, "no such message"),
+    )
     assert walk.refused == Refused(2, Refusal.CYCLE, "a circle")
     assert session.complaints == ["central refused: no such message"]
 
@@ -170,11 +178,17 @@ def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
     assert said(session) == []
 
 
-# --- the connection breaks --------------------------------------------------------------------------------------------
+# --- the connection breaks ------------------------------------------------------------------------
 
 
-def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in_order(session: Session) -> None:
-    done, walk, stance = session.request(A_GOAL), session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
+def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in_order(
+    session: Session,
+) -> None:
+    done, walk, stance = (
+        session.request(A_GOAL),
+        session.request(A_GOAL),
+        session.request(A_QUERY, wants_answer=True),
+    )
     hear(session, Accepted(2, 5), Unknown(), Unknown())
     assert done.is_over
     assert said(session) == []
@@ -192,7 +206,8 @@ def test_messages_and_handlers_are_declared_again_before_what_uses_them(session:
     session.declared([WALK], [HANDLES_WALK])
     asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome())
-    # With number 0: central takes a request whose number is lower than one it has seen for answered.
+    # With number 0: central takes a request whose number is lower than one it has seen for
+    # answered.
     assert said(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
@@ -203,10 +218,14 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
     session.tend(0.0, 0.0)
 
     def talk(connection: bytes, *, is_heard: bool = True) -> None:
-        """Central gets all that the session says, which hears the answers unless the connection has broken."""
+        """Central gets all that the session says, which hears the answers unless the connection has
+        broken.
+        """
         while outgoing := session.take_outgoing(float):
             for header, body in outgoing:
-                for effect in central.handle(RequestReceived(0.0, ConnectionId(connection), header, body)):
+                for effect in central.handle(
+                    RequestReceived(0.0, ConnectionId(connection), header, body)
+                ):
                     if isinstance(effect, Transmit) and is_heard:
                         session.receive(effect.header, effect.body, 0.0)
 
@@ -220,7 +239,9 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
     talk(b"second")
     assert declaring.is_over
     assert declaring.refused is None
-    assert [handler.module.name for handler in central.registry.messages["walk"].handlers] == ["legs"]
+    assert [handler.module.name for handler in central.registry.messages["walk"].handlers] == [
+        "legs"
+    ]
 
 
 @pytest.mark.parametrize("question", [A_WAIT, STATUS, GetVariable(0, "pose")])
@@ -238,7 +259,9 @@ def test_a_wait_or_question_that_central_dropped_with_the_connection_is_made_ane
 
 
 @pytest.mark.parametrize("question", [A_QUERY, SWAP])
-def test_what_may_have_been_done_and_was_dropped_with_the_connection_is_lost(session: Session, question: Send) -> None:
+def test_what_may_have_been_done_and_was_dropped_with_the_connection_is_lost(
+    session: Session, question: Send
+) -> None:
     (request,) = asked(session, question)
     hear(session, Unknown(), welcome(), TOO_LATE)
     assert request.lost == "the connection to central broke before the answer came"
@@ -308,7 +331,7 @@ def test_closing_is_reported_and_begins_anew(session: Session) -> None:
     assert said(session) == [HELLO]
 
 
-# --- silence --------------------------------------------------------------------------------------------------------------
+# --- silence --------------------------------------------------------------------------------------
 
 
 def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Session) -> None:
@@ -326,7 +349,7 @@ def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Sessi
     assert said(session) == []
 
 
-# --- deliveries -----------------------------------------------------------------------------------------------------------
+# --- deliveries -----------------------------------------------------------------------------------
 
 
 def test_deliveries_are_set_aside_and_replied_to_once(session: Session) -> None:
@@ -361,7 +384,9 @@ def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
     assert said(session) == [Reply(7)], "central's computer lost power after it had come"
 
 
-def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(session: Session) -> None:
+def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(
+    session: Session,
+) -> None:
     """Or a handler that holds as long as its task is suspended would never return."""
     deliveries = session.open_deliveries
     hear(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
@@ -373,7 +398,7 @@ def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer
     assert deliveries.is_cancelled(8)
 
 
-# --- locks -----------------------------------------------------------------------------------------------------------
+# --- locks ----------------------------------------------------------------------------------------
 
 
 def granted(session: Session) -> Request:
@@ -393,10 +418,17 @@ def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_centra
     assert other.taken == "central was restarted and has forgotten it"
 
 
-def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(session: Session) -> None:
+def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
+    session: Session,
+) -> None:
     (lock,) = asked(session, Lock(0, "legs"))
     session.break_off()
-    hear(session, welcome(), Taken(lock.header.number, "its module has gone"), Answer(lock.header.number))
+    hear(
+        session,
+        welcome(),
+        Taken(lock.header.number, "its module has gone"),
+        Answer(lock.header.number),
+    )
     assert lock.is_over
     assert lock.taken == "its module has gone"
 
@@ -409,7 +441,9 @@ def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Sessio
     assert (lock.is_over, lock.taken) == (True, "")
 
 
-def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
+def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(
+    session: Session,
+) -> None:
     release = session.request(Release(0, granted(session).header.number))
     given_up.abandon(session, release)
     said(session)
@@ -419,8 +453,12 @@ def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(se
     assert said(session) == []
 
 
-@pytest.mark.parametrize("asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])])
-def test_a_give_up_is_repeated_until_central_answers(session: Session, asked_for: ToCentral) -> None:
+@pytest.mark.parametrize(
+    "asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])]
+)
+def test_a_give_up_is_repeated_until_central_answers(
+    session: Session, asked_for: ToCentral
+) -> None:
     (early,) = asked(session, asked_for)
     given_up.abandon(session, early)  # and what says so is lost with the connection
     hear(session, Unknown())
@@ -454,7 +492,7 @@ def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) ->
     assert said(session) == [GiveUp(2, 3)]
 
 
-# --- central was restarted: what the next one gets ------------------------------------------------------------------
+# --- central was restarted: what the next one gets ------------------------------------------------
 
 
 def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
@@ -470,12 +508,17 @@ def test_another_epoch_loses_what_was_asked_and_declares_everything_again(sessio
     assert said(session) == [Send(3, "walk")]
 
 
-def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(session: Session) -> None:
+def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(
+    session: Session,
+) -> None:
     (gone,) = asked(session, A_GOAL, wants_answer=False)
     unsent = session.request(A_GOAL)
     hear(session, Unknown())
     walk, below = session.request(A_GOAL), session.request(Send(0, "walk", parent=TaskId(3)))
-    wait, question = session.request(A_WAIT, wants_answer=True), session.request(STATUS, wants_answer=True)
+    wait, question = (
+        session.request(A_WAIT, wants_answer=True),
+        session.request(STATUS, wants_answer=True),
+    )
     hear(session, welcome("two"))
     lost = [bool(request.lost) for request in (gone, unsent, walk, below, wait, question)]
     assert lost == [True, False, False, True, True, False]
@@ -483,7 +526,9 @@ def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_mean
 
 
 @pytest.mark.parametrize("epoch", ["one", "two"])
-def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(session: Session, epoch: str) -> None:
+def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(
+    session: Session, epoch: str
+) -> None:
     walk, stance = asked(session, A_GOAL, A_QUERY)
     hear(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
     assert said(session) == [Send(2, "walk"), Send(3, "stance")]
@@ -504,7 +549,9 @@ def test_unknown_that_names_no_request_tells_nothing_of_any(session: Session) ->
     assert walk.lost
 
 
-def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(session: Session) -> None:
+def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(
+    session: Session,
+) -> None:
     below, lock = asked(session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3))
     hear(session, Unknown(2), Unknown(3), welcome("two"))
     assert below.lost
@@ -514,8 +561,11 @@ def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(s
 
 def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Session) -> None:
     questions = (
-        STATUS, Inspect(0, TaskId(0), "descendants"), WaitUntilHandled(0, ["walk"]), GetVariable(0, "pose"),
-    )  # fmt: skip
+        STATUS,
+        Inspect(0, TaskId(0), "descendants"),
+        WaitUntilHandled(0, ["walk"]),
+        GetVariable(0, "pose"),
+    )
     kept, lost = asked(session, *questions), asked(session, Inspect(0, TaskId(3), "self"), SWAP)
     assert {request.epoch for request in kept} == {"one"}
     hear(session, Unknown(), welcome("two"))
@@ -536,7 +586,10 @@ def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> No
     core, somebody = Central("two"), ConnectionId(b"somebody")
     events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
     effects = [effect for event in events for effect in core.handle(event)]
-    assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [Unknown(7), Unknown(0)]
+    assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [
+        Unknown(7),
+        Unknown(0),
+    ]
 
 
 def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session: Session) -> None:

@@ -1,4 +1,6 @@
-"""What is allowed and almost certainly a mistake is warned of; what a user's log handler does wrong ends nothing."""
+"""What is allowed and almost certainly a mistake is warned of; what a user's log handler does wrong
+ends nothing.
+"""
 
 import logging
 import time
@@ -24,7 +26,9 @@ def test_a_second_module_of_a_name_is_warned(
     assert "another module 'legs' runs, so central calls this one 'legs#2'" in said
 
 
-def test_a_resource_without_handlers_is_warned_of(legs: Module, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_resource_without_handlers_is_warned_of(
+    legs: Module, caplog: pytest.LogCaptureFixture
+) -> None:
     for name in ("arm", "hip", "head"):
         legs.resource(name)
     legs.handles(REST, resource="hip")(lambda _: None)
@@ -35,7 +39,12 @@ def test_a_resource_without_handlers_is_warned_of(legs: Module, caplog: pytest.L
 
 @pytest.mark.parametrize("is_last", [False, True])
 def test_an_async_handler_that_blocks_is_warned_of_once(
-    legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, *, is_last: bool
+    legs: Module,
+    user: Client,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    is_last: bool,
 ) -> None:
     monkeypatch.setattr(event_loop, "BRIEF", 0.3)
 
@@ -59,7 +68,9 @@ class Broken(logging.Handler):
         raise OSError(f"no room for {record.msg:.20}")
 
 
-def test_a_log_handler_that_raises_ends_nothing(legs: Module, user: Client, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_handler_that_raises_ends_nothing(
+    legs: Module, user: Client, capsys: pytest.CaptureFixture[str]
+) -> None:
     @legs.handles(REST)
     def rest(_: Task) -> None:
         raise ValueError

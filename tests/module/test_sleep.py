@@ -16,7 +16,9 @@ def legs(central: LocalCentral) -> Module:
     return Module("legs", central, capacity=2)
 
 
-def test_a_handler_sleeps_on_the_clock_of_the_test(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_a_handler_sleeps_on_the_clock_of_the_test(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     slept: list[float] = []
 
     @legs.handles(WORK)
@@ -37,7 +39,9 @@ def test_a_handler_sleeps_on_the_clock_of_the_test(central: LocalCentral, user: 
         assert work_sent.wait() is Outcome.DONE
 
 
-def test_a_message_that_comes_meanwhile_ends_no_sleep(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_a_message_that_comes_meanwhile_ends_no_sleep(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     @legs.handles(WORK)
     @legs.handles(OTHER)
     def work(task: Task) -> None:
@@ -54,7 +58,9 @@ def test_a_message_that_comes_meanwhile_ends_no_sleep(central: LocalCentral, use
         assert second.wait(0) is Outcome.DONE
 
 
-def test_who_is_always_late_hears_a_kill_too(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_who_is_always_late_hears_a_kill_too(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     turns: list[float] = []
     begun, killed = threading.Event(), threading.Event()
 
@@ -76,7 +82,9 @@ def test_who_is_always_late_hears_a_kill_too(central: LocalCentral, user: Client
         assert turns == [0]
 
 
-def test_wait_until_looks_when_another_thread_wakes_it(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_wait_until_looks_when_another_thread_wakes_it(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     has_come, tasks = threading.Event(), list[Task]()
 
     @legs.handles(WORK)
@@ -94,7 +102,9 @@ def test_wait_until_looks_when_another_thread_wakes_it(central: LocalCentral, us
     tasks[0].wake()  # does no harm later
 
 
-def test_a_shielded_wait_is_not_cut_short(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_a_shielded_wait_is_not_cut_short(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     cleaned: list[float] = []
 
     @legs.handles(WORK)

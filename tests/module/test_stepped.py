@@ -1,4 +1,6 @@
-"""A central whose clock the test steps: what needs no time is waited for, and what happened can be read and compared."""
+"""A central whose clock the test steps: what needs no time is waited for, and what happened can be
+read and compared.
+"""
 
 import asyncio
 import threading
@@ -33,7 +35,9 @@ BATTERY = PollingMonitor("battery", condition=IS_LOW, action=REST)
 STEPPED = True  # the clock of central
 
 
-def test_the_clock_stands_still_until_it_is_stepped(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_the_clock_stands_still_until_it_is_stepped(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     done: list[str] = []
     legs.handles(REST)(lambda _: done.append("rest"))
     with legs.running():
@@ -46,17 +50,25 @@ def test_the_clock_stands_still_until_it_is_stepped(central: LocalCentral, user:
         assert rest.info() is None
 
 
-def test_what_is_due_happens_at_its_own_time(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_what_is_due_happens_at_its_own_time(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     legs.handles(IS_LOW)(lambda _: len(central.entries) % 2 == 0)
     legs.handles(REST)(lambda _: None)
     with legs.running():
         user.monitor(BATTERY, period=10, initial_wait=True, duration=35)
         central.advance(40)
-        times = [float(line.split()[0]) for line in central.transcript().splitlines() if " tested: " in line]
+        times = [
+            float(line.split()[0])
+            for line in central.transcript().splitlines()
+            if " tested: " in line
+        ]
     assert times == [10, 20, 30]
 
 
-def test_a_deadline_ends_a_handler_that_waits(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_a_deadline_ends_a_handler_that_waits(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     legs.handles(REST)(lambda task: task.query(NEVER, timeout=None))
     with legs.running():
         rest = user.command(REST, deadline=60)
@@ -109,7 +121,9 @@ def test_the_same_happens_each_time() -> None:
             assert planned(central) == (Path(__file__).parent / "stepped.txt").read_text()
 
 
-def test_quiet_is_not_before_a_handler_has_returned(user: Client, legs: Module, central: LocalCentral) -> None:
+def test_quiet_is_not_before_a_handler_has_returned(
+    user: Client, legs: Module, central: LocalCentral
+) -> None:
     begun, go_on = threading.Event(), threading.Event()
     done: list[int] = []
 
@@ -122,7 +136,10 @@ def test_quiet_is_not_before_a_handler_has_returned(user: Client, legs: Module, 
     with legs.running():
         user.command(REST)
         assert begun.wait(SOON)
-        with pytest.raises(Timeout, match=r"not quiet within 0\.05 s: the handler of 'rest' is at work: let it wait"):
+        with pytest.raises(
+            Timeout,
+            match=r"not quiet within 0\.05 s: the handler of 'rest' is at work: let it wait",
+        ):
             central.until_quiet(timeout=0.05)
         central.until_quiet(timeout=0.05, ignoring=[REST])
         central.advance(5, ignoring=[REST])
@@ -132,7 +149,9 @@ def test_quiet_is_not_before_a_handler_has_returned(user: Client, legs: Module, 
         assert done
 
 
-def test_quiet_is_while_handlers_wait_for_what_nobody_does(user: Client, legs: Module, central: LocalCentral) -> None:
+def test_quiet_is_while_handlers_wait_for_what_nobody_does(
+    user: Client, legs: Module, central: LocalCentral
+) -> None:
     owed: list[LaterReply[None]] = []
     asked: list[str] = []
 
@@ -180,7 +199,9 @@ def test_a_handler_that_waits_for_another_by_itself_does_not_stop_all(
         assert (rests.wait(SOON), step.wait(SOON)) == (Outcome.DONE, Outcome.DONE)
 
 
-def test_a_handler_that_looks_by_itself_is_told_to_end(user: Client, legs: Module, central: LocalCentral) -> None:
+def test_a_handler_that_looks_by_itself_is_told_to_end(
+    user: Client, legs: Module, central: LocalCentral
+) -> None:
     begun = threading.Event()
 
     @legs.handles(REST)
@@ -198,7 +219,9 @@ def test_a_handler_that_looks_by_itself_is_told_to_end(user: Client, legs: Modul
         central.until_quiet()
 
 
-def test_a_module_with_callbacks_is_quiet_between_them(user: Client, legs: Module, central: LocalCentral) -> None:
+def test_a_module_with_callbacks_is_quiet_between_them(
+    user: Client, legs: Module, central: LocalCentral
+) -> None:
     called = threading.Event()
 
     def call(callback: Callback) -> None:
@@ -248,7 +271,9 @@ def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
             user.command(REST)
             central.until_quiet()
             assert "returned: rest {1}: done" in central.transcript().splitlines()
-        with pytest.raises(MisuseError, match=r"advance\(\) needs a clock that stands still: .*stepped=True"):
+        with pytest.raises(
+            MisuseError, match=r"advance\(\) needs a clock that stands still: .*stepped=True"
+        ):
             central.advance(1)
 
 
@@ -264,7 +289,9 @@ def test_wrong_arguments(central: LocalCentral) -> None:
 
 
 def slept(central: LocalCentral) -> list[str]:
-    """The order in which two modules wake, with three threads and a timer each, whose sleeps end together."""
+    """The order in which two modules wake, with three threads and a timer each, whose sleeps end
+    together.
+    """
     said: list[str] = []
 
     def sleep(task: Task, number: int) -> None:
@@ -287,7 +314,16 @@ def slept(central: LocalCentral) -> list[str]:
 def test_sleeps_that_end_together_end_in_the_declared_order() -> None:
     for _ in range(20):
         with LocalCentral(stepped=True) as central:
-            assert slept(central) == ["legs 0", "legs 1", "legs 2", "tick legs", "arm 0", "arm 1", "arm 2", "tick arm"]
+            assert slept(central) == [
+                "legs 0",
+                "legs 1",
+                "legs 2",
+                "tick legs",
+                "arm 0",
+                "arm 1",
+                "arm 2",
+                "tick arm",
+            ]
 
 
 @pytest.mark.parametrize("is_killed", [False, True])

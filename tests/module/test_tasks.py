@@ -1,4 +1,6 @@
-"""Tasks: the tree they make, their order, results and failures, how they are steered, and what is kept of them."""
+"""Tasks: the tree they make, their order, results and failures, how they are steered, and what is
+kept of them.
+"""
 
 import operator
 import threading
@@ -7,7 +9,19 @@ from typing import Any
 
 import pytest
 from module.real_central import SOON, Gate
-from module.robot import COLLISION, EXHAUSTED, MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall, Robot
+from module.robot import (
+    COLLISION,
+    EXHAUSTED,
+    MOVE_LEG,
+    REST,
+    STANCE,
+    STEP,
+    STOP,
+    WALK,
+    Arc,
+    Footfall,
+    Robot,
+)
 
 from dev.invariants import check_invariants
 from tca_module import (
@@ -56,7 +70,9 @@ def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, us
     assert robot.order_of(Moment.END_ACHIEVING) == [goal.id + 1, goal.id + 2, goal.id + 3, goal.id]
 
 
-def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(robot: Robot, user: Client) -> None:
+def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(
+    robot: Robot, user: Client
+) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         footfall = task.command(MOVE_LEG, 1).result(SOON)
@@ -88,7 +104,11 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     def rest(task: Task) -> None:
         first = task.command(MOVE_LEG, 1)
         task.goal(
-            STEP, 2, sequential=False, delay_planning=True, constraints=[first.handling.end <= this.planning.start]
+            STEP,
+            2,
+            sequential=False,
+            delay_planning=True,
+            constraints=[first.handling.end <= this.planning.start],
         )
         task.goal(STEP, 3, sequential_planning=True)
         last = task.goal(STEP, 4, plan_first=True, sequential=False)
@@ -96,7 +116,9 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
 
     with robot.running():
         user.goal(REST).result(SOON)
-    constraints = [[str(constraint) for constraint in fact.constraints] for fact in robot.received("step")]
+    constraints = [
+        [str(constraint) for constraint in fact.constraints] for fact in robot.received("step")
+    ]
     assert constraints[0][0] == "start achieving task 3 <= start planning task 3"
     assert constraints[1]
     assert all("task 4" in text for text in constraints[1])
@@ -109,7 +131,9 @@ def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         move = task.command(MOVE_LEG, 1, constraints=[task.handling.end <= this.achieving.start])
-        with pytest.raises(Timeout, match=r"start achieving task 2 .'move leg'. was not reached within 0.05 s"):
+        with pytest.raises(
+            Timeout, match=r"start achieving task 2 .'move leg'. was not reached within 0.05 s"
+        ):
             move.wait_for(move.achieving.start, timeout=0.05)
 
     with robot.running():
@@ -135,7 +159,9 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
     assert str(second.planning.start >= first.achieving.end) == str(one)
     for other in (second.planning.start, first.handling.end + 2.0):
         for compare in (operator.lt, operator.gt):
-            with pytest.raises(MisuseError, match=r"write first.achieving.end <= second.achieving.start"):
+            with pytest.raises(
+                MisuseError, match=r"write first.achieving.end <= second.achieving.start"
+            ):
                 compare(first.achieving.end, other)
             with pytest.raises(MisuseError, match=r"points are compared with <= and >="):
                 compare(other, first.achieving.end)
@@ -149,9 +175,13 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
     with robot.running():
         stop = user.command(STOP)
         assert stop.wait_for(stop.handling.start, SOON) is Outcome.DONE
-        with pytest.raises(Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"):
+        with pytest.raises(
+            Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"
+        ):
             stop.result(0.01)
-        assert robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2  # the second was given up
+        assert (
+            robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2
+        )  # the second was given up
         gate.go_on.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         with pytest.raises(MisuseError, match="point must be a point of a task"):
@@ -160,7 +190,7 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
             stop.wait_for(Point(99, Moment.END_ACHIEVING))  # type: ignore[arg-type]
 
 
-# --- Tasks that fail or are killed, and what is left of them when central is gone ------------------------------------
+# --- Tasks that fail or are killed, and what is left of them when central is gone -----------------
 
 
 HEIGHT = Query("height", int, reply=float)
@@ -215,7 +245,9 @@ def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on
         _ = arc.steps / int(arc.radius)
 
     with robot.running():
-        with pytest.raises(TaskFailed, match=r"handler error: ZeroDivisionError: division by zero$") as failed:
+        with pytest.raises(
+            TaskFailed, match=r"handler error: ZeroDivisionError: division by zero$"
+        ) as failed:
             user.goal(WALK, Arc(0, 1)).result(SOON)
         assert "in walk\n    _ = arc.steps / int(arc.radius)" in failed.value.text
         with pytest.raises(TaskFailed, match="handler error: SystemExit: 3"):
@@ -242,7 +274,9 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
     robot.planner.handles(measure)(lambda _: "high")  # type: ignore[arg-type]
     robot.planner.handles(REST)(lambda _: 5)  # type: ignore[arg-type]
     with robot.running():
-        with pytest.raises(TaskFailed, match="bad data: the handler of command 'measure' must return float") as failed:
+        with pytest.raises(
+            TaskFailed, match="bad data: the handler of command 'measure' must return float"
+        ) as failed:
             user.command(measure).result(SOON)
         assert failed.value.failure == "bad data"
         with pytest.raises(TaskFailed, match="the handler of goal 'rest' must return None"):
@@ -269,7 +303,9 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
         goal = user.goal(REST)
         assert started.wait(SOON)
         user.tasks(STOP)[0].kill("it alone")
-        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: stop \{4\} was killed: it alone"):
+        with pytest.raises(
+            TaskFailed, match=r"handler error: .*TaskKilled: stop \{4\} was killed: it alone"
+        ):
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
     assert caplog.text.count("handler test_a_handler_that_ends") == 1
@@ -306,7 +342,7 @@ def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Clien
     assert failed.value.data == 3
 
 
-# --- What modules can still learn of tasks that have ended, because somebody keeps them ------------------------------
+# --- What modules can still learn of tasks that have ended, because somebody keeps them -----------
 
 
 CROSS, PACE = Goal("cross the field"), Command("step", int, result=float)
@@ -349,7 +385,9 @@ def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
     assert user.task(step.id) is None
 
 
-def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, user: Client, walkers: Module) -> None:
+def test_an_exception_handler_sees_what_had_been_done(
+    central: LocalCentral, user: Client, walkers: Module
+) -> None:
     expert, seen = Module("expert", central), list[tuple[int, str]]()
 
     @expert.handles(DECIDE)
@@ -366,7 +404,9 @@ def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, use
         cross = user.goal(CROSS, on_failure=[Recovery(FELL, DECIDE)], keep=True)
         assert cross.wait(SOON) is Outcome.FAILED
     assert seen == [(1, "done"), (2, "done")]
-    outcomes = {handle.data(PACE): info.outcome for handle in cross.kept() if (info := handle.info())}
+    outcomes = {
+        handle.data(PACE): info.outcome for handle in cross.kept() if (info := handle.info())
+    }
     assert outcomes == {1: "done", 2: "done", 3: "failed", 4: "killed"}
     failed = next(handle for handle in cross.kept("step") if handle.data(PACE) == 3)
     assert str(failed.parent()) == str(cross)
@@ -375,7 +415,7 @@ def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, use
         cross.result(0)
 
 
-# --- Who steers a task is told whether anything was done -------------------------------------------------------------
+# --- Who steers a task is told whether anything was done ------------------------------------------
 
 
 SHRUG = ExceptionHandler("shrug")
@@ -424,7 +464,9 @@ def supervisor(central: LocalCentral, resting_legs: Legs) -> Iterator[Client]:
 
 
 @pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_a_task_that_lives_is_steered(resting_legs: Legs, supervisor: Client, steer: Callable[[TaskRef], Any]) -> None:
+def test_a_task_that_lives_is_steered(
+    resting_legs: Legs, supervisor: Client, steer: Callable[[TaskRef], Any]
+) -> None:
     ref = supervisor.command(STOP)
     assert resting_legs.resting.acquire(timeout=SOON)
     assert steer(ref) is True
@@ -478,7 +520,7 @@ def test_a_monitor_is_ended_once(resting_legs: Legs, supervisor: Client) -> None
     assert monitor.fire() is False
 
 
-# --- Monitors, goals and commands that are put under a task which others handle --------------------------------------
+# --- Monitors, goals and commands that are put under a task which others handle -------------------
 
 
 TREAD, GUARD = Command("tread", int), Command("guard")
@@ -493,7 +535,9 @@ class Expedition:
         self.central = central
         self.steps: list[int] = []
         self.asked, self.is_low, self.begun, self.go_on = (threading.Event() for _ in range(4))
-        self.planner, self.legs, self.watcher = (Module(name, central) for name in ("planner", "legs", "watcher"))
+        self.planner, self.legs, self.watcher = (
+            Module(name, central) for name in ("planner", "legs", "watcher")
+        )
         self.planner.handles(REST)(self.walk)
         self.planner.handles(GUARD)(self.guard)
         self.legs.handles(TREAD)(self.tread)
@@ -544,16 +588,22 @@ def leader(expedition: Expedition) -> Iterator[Client]:
         yield client
 
 
-def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(expedition: Expedition, leader: Client) -> None:
+def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(
+    expedition: Expedition, leader: Client
+) -> None:
     walking = expedition.begin(REST, leader)
-    monitor = expedition.watcher.under(expedition.watcher.tasks(REST)[0]).monitor(BATTERY, period=0.01)
+    monitor = expedition.watcher.under(expedition.watcher.tasks(REST)[0]).monitor(
+        BATTERY, period=0.01
+    )
     assert monitor.parent() is not None
     expedition.is_low.set()
     assert walking.wait(SOON) is Outcome.KILLED
     assert monitor.wait(SOON) is Outcome.KILLED
 
 
-def test_a_command_stands_in_the_sequence_that_others_send(expedition: Expedition, leader: Client) -> None:
+def test_a_command_stands_in_the_sequence_that_others_send(
+    expedition: Expedition, leader: Client
+) -> None:
     walking = expedition.begin(REST, leader)
     leader.under(walking).command(TREAD, 2)
     expedition.go_on.set()
@@ -566,14 +616,19 @@ def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) ->
     expedition.may_tread.clear()  # else the first might be over when the second is sent
     sent = expedition.begin(GUARD, leader)
     pairs: list[tuple[Sender, Sender]] = [
-        (leader.under(sent), leader.under(sent)), (leader, expedition.watcher),
-    ]  # fmt: skip
+        (leader.under(sent), leader.under(sent)),
+        (leader, expedition.watcher),
+    ]
     for own, others in pairs:
         with own.sequence():
             first = own.command(TREAD, 1)
             stranger = others.command(TREAD, 7, sequential=False)
             second = own.command(TREAD, 2)
-        facts = [fact for fact in expedition.central.facts if isinstance(fact, Received) and fact.id == second.id]
+        facts = [
+            fact
+            for fact in expedition.central.facts
+            if isinstance(fact, Received) and fact.id == second.id
+        ]
         before = {constraint.before.task for fact in facts for constraint in fact.constraints}
         assert first.id in before
         assert stranger.id not in before

@@ -1,4 +1,5 @@
-"""The mistakes in ``mistakes.py`` are found by mypy, nothing else there is called one, and its words help.
+"""The mistakes in ``mistakes.py`` are found by mypy, nothing else there is called one, and its
+words help.
 
 In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake is found.
 """
@@ -20,7 +21,15 @@ import pytest
 from numpy.typing import NDArray
 
 import tca_module
-from tca_module import Command, HandlerOptions, MisuseError, Module, MonitorOptions, Task, TaskOptions
+from tca_module import (
+    Command,
+    HandlerOptions,
+    MisuseError,
+    Module,
+    MonitorOptions,
+    Task,
+    TaskOptions,
+)
 from tca_module.session.registering import registers
 from tca_wire.messages.declarations import Declaring
 from tca_wire.packets import codec
@@ -37,18 +46,32 @@ def test_the_type_checker_finds_each_mistake_and_says_what_is_wanted(tmp_path: P
     mistakes = Path(__file__).with_name("mistakes.py")
     bare = tmp_path / "bare.py"
     bare.write_text(re.sub(r"  # type: ignore\S+", "", mistakes.read_text()))
-    options = ["--config-file", "setup.cfg", "--follow-imports", "silent", "--cache-dir", os.devnull]
+    options = [
+        "--config-file",
+        "setup.cfg",
+        "--follow-imports",
+        "silent",
+        "--cache-dir",
+        os.devnull,
+    ]
     command = [sys.executable, "-m", "mypy", *options, str(mistakes), str(bare)]
-    found = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
+    found = subprocess.run(
+        command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False
+    )
     assert str(mistakes.name) not in found.stdout, found.stdout
     expected = re.findall(r'of "HandlerDecorator\w*" has .*; expected (.*)  \[', found.stdout)
     assert len(expected) == mistakes.read_text().count("handles(STANCE)  # type") + 1
     assert not [text for text in expected if "Coroutine" in text]
-    assert 'incompatible type "Command[int, Footfall]"; expected "Command[None, Footfall]"' in found.stdout
+    assert (
+        'incompatible type "Command[int, Footfall]"; expected "Command[None, Footfall]"'
+        in found.stdout
+    )
     assert 'Missing positional argument "data"' in found.stdout
 
 
-DECLARATIONS = [one for name in tca_module.__all__ if isinstance(one := getattr(tca_module, name), Declaring)]
+DECLARATIONS = [
+    one for name in tca_module.__all__ if isinstance(one := getattr(tca_module, name), Declaring)
+]
 
 
 @pytest.mark.parametrize("kind", DECLARATIONS, ids=lambda kind: kind.__name__)
@@ -58,13 +81,17 @@ def test_a_declaration_shows_its_arguments(kind: Any) -> None:
     assert not {"VAR_POSITIONAL", "VAR_KEYWORD"} & {one.kind.name for one in arguments.values()}
 
 
-@pytest.mark.parametrize("kind", [HandlerOptions, MonitorOptions, TaskOptions], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [HandlerOptions, MonitorOptions, TaskOptions], ids=lambda kind: kind.__name__
+)
 def test_help_shows_each_option(kind: Any) -> None:
     _, _, described = kind.__doc__.partition("Args:")
-    assert [name for name in kind.__annotations__ if not re.search(rf"\b{name}[:,]", described)] == []
+    assert [
+        name for name in kind.__annotations__ if not re.search(rf"\b{name}[:,]", described)
+    ] == []
 
 
-# --- A handler whose data are annotated with another type than its message's is refused where it is declared ---------
+# --- A handler whose data are annotated with another type than its message's is refused where it is
 
 
 T = TypeVar("T")
@@ -92,26 +119,42 @@ RIGHT = [
     (NDArray[np.float64], np.ndarray), (Sequence[int], list[int]), (list[Pose3], list[Pose]),
 ]  # fmt: skip
 WRONG = [
-    (float, int), (Pose, Pose3), (list[int], list[str]), (float, str | None), (float | None, float), (Pose, dict),
-    (NDArray[np.float64], NDArray[np.float32]), (dict[str, int], Mapping[int, int]), (int, Pose),
-]  # fmt: skip
+    (float, int),
+    (Pose, Pose3),
+    (list[int], list[str]),
+    (float, str | None),
+    (float | None, float),
+    (Pose, dict),
+    (NDArray[np.float64], NDArray[np.float32]),
+    (dict[str, int], Mapping[int, int]),
+    (int, Pose),
+]
 
 
 @pytest.mark.parametrize(
-    ("kind", "hint", "fits"), [*((*pair, True) for pair in RIGHT), *((*pair, False) for pair in WRONG)]
+    ("kind", "hint", "fits"),
+    [*((*pair, True) for pair in RIGHT), *((*pair, False) for pair in WRONG)],
 )
-def test_an_annotation_of_data_that_never_fits_is_refused(kind: Any, hint: Any, *, fits: bool) -> None:
+def test_an_annotation_of_data_that_never_fits_is_refused(
+    kind: Any, hint: Any, *, fits: bool
+) -> None:
     def handler(_: Task, data: Any) -> None: ...
 
     handler.__annotations__["data"] = hint
-    with nullcontext() if fits else pytest.raises(MisuseError, match=r"handler takes data: .* has data of type"):
+    with (
+        nullcontext()
+        if fits
+        else pytest.raises(MisuseError, match=r"handler takes data: .* has data of type")
+    ):
         Module("legs").handles(Command("move", kind))(handler)
 
 
-# --- Declarations are divided into requests that central takes, in an order in which each can stand alone ------------
+# --- Declarations are divided into requests that central takes, in an order in which each can stand
 
 
-@pytest.mark.parametrize(("number", "size", "expected"), [(0, 0, 1), (500, 40, 1), (1200, 40, 6), (9, 200_000, 6)])
+@pytest.mark.parametrize(
+    ("number", "size", "expected"), [(0, 0, 1), (500, 40, 1), (1200, 40, 6), (9, 200_000, 6)]
+)
 def test_any_number_of_declarations_is_taken(number: int, size: int, expected: int) -> None:
     messages = [MessageFormat(f"m{one}", MessageClass.INFORM, "x" * size) for one in range(number)]
     handlers = [HandlerFormat(message.name, "r") for message in messages] if expected > 1 else []

@@ -5,7 +5,16 @@ from collections.abc import Iterator
 
 import pytest
 
-from tca_module import CentralLost, Client, Command, MisuseError, Module, Task, connect, wait_for_any
+from tca_module import (
+    CentralLost,
+    Client,
+    Command,
+    MisuseError,
+    Module,
+    Task,
+    connect,
+    wait_for_any,
+)
 from tca_module.testing import LocalCentral
 
 QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
@@ -64,12 +73,17 @@ def test_a_silent_central_ends_the_wait(central: LocalCentral) -> None:
     slow = user.command(SLOW)
     assert slow.id
     central.close()
-    with pytest.raises(CentralLost, match=r"does not answer: .* the wait for slow \{1\} is given up"):
+    with pytest.raises(
+        CentralLost, match=r"does not answer: .* the wait for slow \{1\} is given up"
+    ):
         wait_for_any([slow], until=lambda: False)
 
 
 def test_what_cannot_be_waited_for_together(user: Client, central: LocalCentral) -> None:
     with pytest.raises(MisuseError, match="needs a list of tasks"):
         wait_for_any([])
-    with connect("other", central) as other, pytest.raises(MisuseError, match="those of one client"):
+    with (
+        connect("other", central) as other,
+        pytest.raises(MisuseError, match="those of one client"),
+    ):
         wait_for_any([user.command(QUICK), other.command(QUICK)])

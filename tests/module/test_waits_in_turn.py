@@ -1,4 +1,6 @@
-"""A handler that waits again and again while central is away: it keeps its period, and loses patience once."""
+"""A handler that waits again and again while central is away: it keeps its period, and loses
+patience once.
+"""
 
 from collections.abc import Iterator
 
@@ -19,7 +21,9 @@ class Loop:
 
     def __init__(self) -> None:
         self.central = ScriptedCentral(friendly)
-        self.link = Connection(self.central, Session(HELLO), patience=PATIENCE, clock=lambda: self.central.now)
+        self.link = Connection(
+            self.central, Session(HELLO), patience=PATIENCE, clock=lambda: self.central.now
+        )
         self.link.open()
         self.due = self.central.now
 

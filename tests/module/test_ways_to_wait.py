@@ -1,7 +1,9 @@
-"""Every way to wait: central shows it, the tools list it, the check holds it, and a deadlock through it is found.
+"""Every way to wait: central shows it, the tools list it, the check holds it, and a deadlock
+through it is found.
 
-``WAYS`` has one row for each. A new way to wait gets a row here. Not in it: ``sleep``, ``wait_until`` without ``on``,
-and waits for a client's request: by choice these are a handler's own work (decision 103).
+``WAYS`` has one row for each. A new way to wait gets a row here. Not in it: ``sleep``,
+``wait_until`` without ``on``, and waits for a client's request: by choice these are a handler's own
+work (decision 103).
 """
 
 import threading
@@ -16,7 +18,17 @@ from module.real_central import SOON, until
 from tools.runs import OPENED, checked
 
 from tca_behaviours.missions import Environment, Mission, OnceTask, Status, TaskEnd, TaskServer
-from tca_module import Client, Command, Inform, Module, MultiQuery, Query, SentTask, Task, wait_for_any
+from tca_module import (
+    Client,
+    Command,
+    Inform,
+    Module,
+    MultiQuery,
+    Query,
+    SentTask,
+    Task,
+    wait_for_any,
+)
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_tools.explain.wait_words import told
@@ -98,7 +110,9 @@ WAYS = [
 
 
 class Stage:
-    """A handler that waits in one *way* for another, which waits for the test, or for what the first has to handle."""
+    """A handler that waits in one *way* for another, which waits for the test, or for what the
+    first has to handle.
+    """
 
     task: Task
     other: SentTask[TaskEnd]
@@ -171,7 +185,9 @@ def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: 
         run = History.until(central.entries[:])
         waits = [one for one in waits_of(run, waiting.id) if one.end == inf]
         assert [is_it(one.kind, told(RunAt(run), [one])[0].name) for one in waits].count(True) == 1
-    left = [wait for handling in History.until(central.entries).handlings for wait in handling.waits]
+    left = [
+        wait for handling in History.until(central.entries).handlings for wait in handling.waits
+    ]
     assert not [wait for wait in left if wait.end is None]
     assert not checked([OPENED, *central.entries])
 

@@ -1,4 +1,6 @@
-"""A handler whose work is void is woken from whatever it waits for, once, and may then clean up: on real sockets."""
+"""A handler whose work is void is woken from whatever it waits for, once, and may then clean up: on
+real sockets.
+"""
 
 import queue
 import threading
@@ -47,7 +49,9 @@ WAITS: dict[str, Callable[[Task], object]] = {
     "execute": lambda task: task.execute(BUSY),
     "execute if handled": lambda task: task.execute_if_handled(BUSY),
     "a stranger's task": lambda task: task.tasks(NEVER)[0].wait(),
-    "a stranger's point": lambda task: task.tasks(NEVER)[0].wait_for(task.tasks(NEVER)[0].handling.end),
+    "a stranger's point": lambda task: task.tasks(NEVER)[0].wait_for(
+        task.tasks(NEVER)[0].handling.end
+    ),
     "subtask": lambda task: task.command(NEVER).wait(),
     "result": lambda task: task.command(NEVER).result(),
     "lock": lambda task: task.lock("arm"),
@@ -58,20 +62,25 @@ WAITS: dict[str, Callable[[Task], object]] = {
 
 
 class Robot:
-    """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its wait raised, and what
-    was answered when it then asked where it is.
+    """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its
+    wait raised, and what was answered when it then asked where it is.
     """
 
     def __init__(self, folder: Path) -> None:
         self.central = RealCentral(f"ipc://{folder}/central.sock")
-        self.legs, self.slow = Module("legs", self.central.address), Module("slow", self.central.address)
+        self.legs, self.slow = (
+            Module("legs", self.central.address),
+            Module("slow", self.central.address),
+        )
         self.seen = queue.Queue[tuple[type[BaseException] | None, str]]()
         self.asked = threading.Event()
         self.go_on = threading.Event()
         self.slow.resource("arm")
         self.slow.resource("here")
         for number, message in enumerate((BUSY, DIRECT, BIDS)):
-            self.slow.handles(message, resource=f"slow {number}", direct=message is DIRECT)(self.hang)
+            self.slow.handles(message, resource=f"slow {number}", direct=message is DIRECT)(
+                self.hang
+            )
         self.slow.handles(Command("hold"), resource="arm")(lambda _: None)
         self.slow.handles(HERE, resource="here")(lambda _: "at home")
         self.legs.handles(ASK)(self.ask)
@@ -112,7 +121,9 @@ class Robot:
         async def begin_coroutine(task: Task) -> None:
             await begin(task)
 
-        self.legs.handles(work, resource="wheels")(begin_coroutine if iscoroutinefunction(handler) else begin)
+        self.legs.handles(work, resource="wheels")(
+            begin_coroutine if iscoroutinefunction(handler) else begin
+        )
         with self.running() as user, self.legs.running():
             working = user.command(work, sequential=False)
             assert begun.wait(SOON)
@@ -170,7 +181,9 @@ def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -
             robot.waits(how)
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-            until(lambda: (info := asking.info()) is not None and info.module, "it is handled again")
+            until(
+                lambda: (info := asking.info()) is not None and info.module, "it is handled again"
+            )
         robot.waits(how)
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
@@ -203,7 +216,7 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
         assert found.value.why == "the floor is wet (by user)"
 
 
-# --- once ---------------------------------------------------------------------------------------------------------------
+# --- once -----------------------------------------------------------------------------------------
 
 
 def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
@@ -230,8 +243,12 @@ def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
         assert robot.seen.get(timeout=SOON) == (None, "at home")
 
 
-def test_who_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
-    """The module's end is another reason, and wakes the handler once more; it was killed, and has not failed."""
+def test_who_waits_on_after_a_kill_does_not_keep_its_module(
+    robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The module's end is another reason, and wakes the handler once more; it was killed, and has
+    not failed.
+    """
 
     def work(task: Task) -> None:
         try:
@@ -245,7 +262,9 @@ def test_who_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot, caplog
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
         robot.waits("until handled")
-    assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [Outcome.DONE]
+    assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [
+        Outcome.DONE
+    ]
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
@@ -267,11 +286,13 @@ def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None
         assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
 
 
-# --- who else waits -----------------------------------------------------------------------------------------------------
+# --- who else waits -------------------------------------------------------------------------------
 
 
 def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
-    """A killed handler asks its own resource: who answers there works for itself, and only then the first is woken."""
+    """A killed handler asks its own resource: who answers there works for itself, and only then the
+    first is woken.
+    """
     inner, answered = Query("inner", reply=str), threading.Event()
 
     @robot.legs.handles(inner, resource="wheels")
@@ -313,8 +334,12 @@ def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
         assert working.wait(SOON) is Outcome.KILLED
 
 
-@pytest.mark.parametrize("waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")])
-def test_a_coroutine_that_blocks_is_woken_as_well(robot: Robot, waits: Callable[[Task], Any]) -> None:
+@pytest.mark.parametrize(
+    "waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")]
+)
+def test_a_coroutine_that_blocks_is_woken_as_well(
+    robot: Robot, waits: Callable[[Task], Any]
+) -> None:
     """And is then not cancelled: it was told."""
 
     async def work(task: Task) -> None:

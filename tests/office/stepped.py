@@ -1,4 +1,6 @@
-"""The whole robot in one process, on a clock that is stepped: the same seed comes out the same every time."""
+"""The whole robot in one process, on a clock that is stepped: the same seed comes out the same
+every time.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,15 +14,25 @@ from tca_module import Client, Module, connect
 from tca_module.testing import LocalCentral
 
 MakeModule = Callable[[float], Module]
-LAYERS: tuple[MakeModule, ...] = (vanished_cups.make_module, battery.make_module, grasps.make_module)
-WALKING: tuple[MakeModule, ...] = tuple(each.make_module for each in (vision, controller, planner, task_manager))
+LAYERS: tuple[MakeModule, ...] = (
+    vanished_cups.make_module,
+    battery.make_module,
+    grasps.make_module,
+)
+WALKING: tuple[MakeModule, ...] = tuple(
+    each.make_module for each in (vision, controller, planner, task_manager)
+)
 LONG = 2000.0
 """Seconds within which no cup must be left."""
 
 
 @contextmanager
-def office(world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS) -> Iterator[tuple[LocalCentral, Client]]:
-    """All modules at work in a lab that is open, and somebody who uses them; the caller steps the clock."""
+def office(
+    world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS
+) -> Iterator[tuple[LocalCentral, Client]]:
+    """All modules at work in a lab that is open, and somebody who uses them; the caller steps the
+    clock.
+    """
     modules = [simulator.make_module(world, 1.0), *(make(1.0) for make in (*WALKING, *layers))]
     with ExitStack() as stack:
         central = stack.enter_context(LocalCentral(stepped=True))
@@ -33,7 +45,9 @@ def office(world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS) -> Itera
 
 
 def keep_free(
-    world: OfficeWorld, look: Callable[[Client, LabScene], None], layers: tuple[MakeModule, ...] = LAYERS
+    world: OfficeWorld,
+    look: Callable[[Client, LabScene], None],
+    layers: tuple[MakeModule, ...] = LAYERS,
 ) -> tuple[LocalCentral, LabScene]:
     """Let the robot work until no cup is left; *look* is called every second."""
     with office(world, layers) as (central, user):

@@ -1,4 +1,6 @@
-"""A shift on a stepped clock: what must hold of cups and goals at any time, and what each layer is for."""
+"""A shift on a stepped clock: what must hold of cups and goals at any time, and what each layer is
+for.
+"""
 
 import random
 import re
@@ -18,7 +20,9 @@ from tca_module import Client, TaskFailed
 SHIFT = 150.0
 SEEDS = [1, 3, pytest.param(4, marks=pytest.mark.soak)]
 NOTICED = 6.0
-"""Seconds within which there is no goal for a vanished cup any more: three pictures, a poll, a grasp."""
+"""Seconds within which there is no goal for a vanished cup any more: three pictures, a poll, a
+grasp.
+"""
 
 
 class ShiftObserver:
@@ -44,7 +48,9 @@ class ShiftObserver:
 
 @cache
 def shift(seed: int) -> tuple[str, LabScene, int]:
-    """A whole shift: what happened at central and in the lab, and how many goals there were at most."""
+    """A whole shift: what happened at central and in the lab, and how many goals there were at
+    most.
+    """
     observer = ShiftObserver()
     central, scene = keep_free(OfficeWorld(seed, SHIFT), observer.look)
     return central.transcript(), scene, observer.most_goals
@@ -55,7 +61,9 @@ def test_each_cup_ends_in_the_bin_or_was_taken(seed: int) -> None:
     transcript, scene, _ = shift(seed)
     assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
     lines = transcript.splitlines()
-    dropped = {line.split("{")[1] for line in lines if re.search(r"returned: drop \{\d+\}: done", line)}
+    dropped = {
+        line.split("{")[1] for line in lines if re.search(r"returned: drop \{\d+\}: done", line)
+    }
     assert len(dropped) == len(the(scene, CupState.BIN))
 
 
@@ -84,7 +92,10 @@ def test_goals_are_added_while_others_are_under_way_and_done_in_order() -> None:
     _, scene, most_goals = shift(1)
     assert most_goals >= 2
     hands = [line for line in scene.happened if "in the hand" in line or "in the bin" in line]
-    assert all("hand" in first and "bin" in then for first, then in zip(hands[::2], hands[1::2], strict=True))
+    assert all(
+        "hand" in first and "bin" in then
+        for first, then in zip(hands[::2], hands[1::2], strict=True)
+    )
 
 
 def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_bin() -> None:
@@ -113,12 +124,18 @@ def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: boo
             central.advance(1.0)
         scene = user.query(SCENE)
         if is_removed:
-            assert next(cup.state for cup in scene.cups if cup.number == held.number) is CupState.BIN
+            assert (
+                next(cup.state for cup in scene.cups if cup.number == held.number) is CupState.BIN
+            )
             assert scene.charges == 1
         else:
-            fell, was_put_down = (line for line in scene.happened if f"cup {held.number} is on the floor" in line)
+            fell, was_put_down = (
+                line for line in scene.happened if f"cup {held.number} is on the floor" in line
+            )
             assert fell < was_put_down
-            with pytest.raises(TaskFailed, match=f"could not be charged in {TRIES} tries: nothing leads to"):
+            with pytest.raises(
+                TaskFailed, match=f"could not be charged in {TRIES} tries: nothing leads to"
+            ):
                 keeping.result(timeout=0)
 
 
@@ -126,7 +143,9 @@ def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: boo
 def test_all_that_holds_in_any_lab() -> None:
     rng = random.Random(1)
     for seed in range(100, 160):
-        world = OfficeWorld(seed, rng.choice([60.0, 150.0, 300.0]), battery=rng.choice([1.0, rng.uniform(0.3, 0.6)]))
+        world = OfficeWorld(
+            seed, rng.choice([60.0, 150.0, 300.0]), battery=rng.choice([1.0, rng.uniform(0.3, 0.6)])
+        )
         _, scene = keep_free(world, ShiftObserver().look)
         assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
 
@@ -159,7 +178,9 @@ def test_what_an_operator_kills_is_put_down_and_collected_after_all() -> None:
 
 @pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
 def test_the_robot_knows_nothing_of_its_layers(without: object) -> None:
-    """Without one it works on, but not as well: it drives to cups that are gone, stands still, or stops at a slip."""
+    """Without one it works on, but not as well: it drives to cups that are gone, stands still, or
+    stops at a slip.
+    """
     layers = tuple(make for make in LAYERS if make.__module__ != getattr(without, "__name__", ""))
     assert len(layers) == len(LAYERS) - 1
     with office(OfficeWorld(1, SHIFT, battery=0.4), layers) as (central, user):

@@ -29,7 +29,9 @@ def test_the_picture_shows_what_became_of_the_cups() -> None:
     svg = draw(scene, "a <lab>")
     ET.fromstring(svg)
     looks = {"collected": CupState.BIN, "taken": CupState.TAKEN, "left": CupState.FLOOR}
-    assert {look: count(svg, look) for look in looks} == {look: states.count(state) for look, state in looks.items()}
+    assert {look: count(svg, look) for look in looks} == {
+        look: states.count(state) for look, state in looks.items()
+    }
     assert CupState.TO_COME in states
     assert svg.count('class="table"') == len(scene.floor.tables)
     left = states.count(CupState.FLOOR)
@@ -44,13 +46,21 @@ def test_a_shift_is_shown(tmp_path: Path) -> None:
     shown = run("-m", "robots.office_sim", "--shift", "45", "--pace", "25", "--out", str(tmp_path))
     assert (shown.returncode, shown.stderr) == (0, "")
     last = dict(re.findall(r"s  (cup \d+) (.*)\n", shown.stdout))
-    collected, taken = (list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by somebody"))
+    collected, taken = (
+        list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by somebody")
+    )
     assert collected + taken == len(last) > 0
     assert f", {collected} collected, {taken} taken by people, 0 left;" in shown.stdout
     made = re.findall(r"^made (.*)$", shown.stdout, re.MULTILINE)
-    assert made == [str(tmp_path / name) for name in ("lab.svg", "lab.png", "tree.svg", "gantt.svg")]
+    assert made == [
+        str(tmp_path / name) for name in ("lab.svg", "lab.png", "tree.svg", "gantt.svg")
+    ]
     svg = tmp_path.joinpath("lab.svg").read_text()
-    assert (count(svg, "collected"), count(svg, "taken"), count(svg, "left")) == (collected, taken, 0)
+    assert (count(svg, "collected"), count(svg, "taken"), count(svg, "left")) == (
+        collected,
+        taken,
+        0,
+    )
     assert "collect cup" in tmp_path.joinpath("tree.svg").read_text()
 
 
@@ -58,4 +68,9 @@ def test_what_the_page_quotes_is_in_the_robot() -> None:
     known = {line.strip() for path in ROBOT.rglob("*.py") for line in path.read_text().splitlines()}
     quoted = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert quoted
-    assert [line for block in quoted for line in block.splitlines() if line.strip() not in known | {"", "..."}] == []
+    assert [
+        line
+        for block in quoted
+        for line in block.splitlines()
+        if line.strip() not in known | {"", "..."}
+    ] == []

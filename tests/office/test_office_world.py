@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 
 from robots.office_sim.modules.vision import PATIENCE, CupTracks
 from robots.office_sim.paths import RADIUS, NoPath, is_clear, path_to
-from robots.office_sim.vocabulary import Approach, Block, CupState, FloorPlan, Grasped, LabScene, Spot
+from robots.office_sim.vocabulary import (
+    Approach,
+    Block,
+    CupState,
+    FloorPlan,
+    Grasped,
+    LabScene,
+    Spot,
+)
 from robots.office_sim.world import CHARGING, DRIVING, SPEED, OfficeWorld
 
 SEEDS = st.integers(0, 10_000)
@@ -31,7 +39,10 @@ def test_people_do_the_same_whenever_somebody_looks(seed: int, looks: list[float
     end = sum(looks)
     other.advance(end)
     assert one.time == pytest.approx(end)
-    if all(abs(end - float(line.split()[0])) > 0.2 for line in (*one.scene().happened, *other.scene().happened)):
+    if all(
+        abs(end - float(line.split()[0])) > 0.2
+        for line in (*one.scene().happened, *other.scene().happened)
+    ):
         assert states(one.scene()) == states(other.scene())
     assert [cup.spot for cup in one.scene().cups] == [cup.spot for cup in other.scene().cups]
 
@@ -44,13 +55,20 @@ def test_a_robot_can_get_at_each_cup_and_to_the_charger_and_touches_nothing(seed
         way = [world.robot, *path_to(floor, world.robot, Approach(spot, 0.45))]
         assert way[-1].to(spot) <= 0.45 + 1e-9
         for here, there in itertools.pairwise(way):
-            assert all(is_clear(here, there, block.grown(RADIUS - 1e-6)) for block in (*floor.walls, *floor.tables))
+            assert all(
+                is_clear(here, there, block.grown(RADIUS - 1e-6))
+                for block in (*floor.walls, *floor.tables)
+            )
 
 
 def test_a_way_leads_along_the_corners_of_what_is_in_the_way() -> None:
     floor = FloorPlan(10.0, 6.0, [], [Block(4.0, 2.0, 6.0, 4.5)], Spot(1, 1), Spot(9, 1))
     way = path_to(floor, Spot(1.0, 3.0), Approach(Spot(9.0, 3.0)))
-    assert [(round(spot.x, 2), round(spot.y, 2)) for spot in way] == [(3.68, 1.68), (6.32, 1.68), (9.0, 3.0)]
+    assert [(round(spot.x, 2), round(spot.y, 2)) for spot in way] == [
+        (3.68, 1.68),
+        (6.32, 1.68),
+        (9.0, 3.0),
+    ]
     assert path_to(floor, Spot(1.0, 3.0), Approach(Spot(2.0, 3.0), 0.4)) == [Spot(1.6, 3.0)]
     assert path_to(floor, Spot(1.0, 3.0), Approach(Spot(1.2, 3.0), 0.4)) == []
 

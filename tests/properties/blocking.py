@@ -1,4 +1,6 @@
-"""Modules whose handlers do nothing while they wait: lives of them, in which anything that blocks may happen."""
+"""Modules whose handlers do nothing while they wait: lives of them, in which anything that blocks
+may happen.
+"""
 
 from collections.abc import Mapping
 from typing import Self
@@ -16,7 +18,11 @@ from tca_wire.packets.changes import Observe
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
-HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
+HANDLED = {
+    "a": ("goal walk", "query where"),
+    "b": ("command move", "query look"),
+    "c": ("goal step", "query pose"),
+}
 DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
 COROUTINES = "c"
 """The module whose handlers may wait for several answers at a time."""
@@ -67,14 +73,26 @@ class Blocking(Player):
             names = ("walk", "move", "step")
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
             flags = (Flags.NONE, Flags.SEQ_ACH, DELAYED, Flags.PLAN_FIRST)[c % 4]
-            constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
-            self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
+            constraints = (
+                (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),)
+                if task
+                else ()
+            )
+            self.send(
+                who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0)
+            )
         elif what == "ask":
             blocks = self.blocks(delivery)
             self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
         elif what == "wait" and task:
             blocks = self.blocks(delivery)
-            self.request(who, headers.AwaitPoint, point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
+            self.request(
+                who,
+                headers.AwaitPoint,
+                point(task.id, list(Moment)[c % 6]),
+                origin,
+                blocking=blocks,
+            )
         elif what in ("follow", "any") and tasks:
             followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
             self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
@@ -87,7 +105,9 @@ class Blocking(Player):
             self._steer(what, a, b, c)
 
     def _await(self, what: str, b: int, c: int) -> None:
-        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
+        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one
+        answer less is awaited.
+        """
         coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
         if not coroutines:
             return
@@ -103,17 +123,23 @@ class Blocking(Player):
             asked = [number for number in delivery.slot.outstanding if number not in waits]
             self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
 
-    def _wait_for(self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool) -> None:
+    def _wait_for(
+        self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool
+    ) -> None:
         """A wait for the first news of tasks, or of what is under them; or for the first to end."""
         asked, origin = [], by.given_as if by else 0
         for task in tasks:
             number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
             about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
             following = Observe(number, *about, origin=origin)
-            self.receive(who, following if what == "follow" else headers.AwaitPoint(number, place, origin))
+            self.receive(
+                who, following if what == "follow" else headers.AwaitPoint(number, place, origin)
+            )
             asked.append(number)
         outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
-        seen = sum(one.told for number in asked if isinstance(one := outstanding[number], Observation))
+        seen = sum(
+            one.told for number in asked if isinstance(one := outstanding[number], Observation)
+        )
         self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
 
     def blocks(self, by: Delivery | None) -> bool:
@@ -144,7 +170,9 @@ class Blocking(Player):
             self.tick(1.0)
             free = self.free()
             for claim in list(self.central.claims.values()):  # whoever can will release what he has
-                if claim.is_granted and (claim.holder in free or not (claim.holder or claim.slot.waits)):
+                if claim.is_granted and (
+                    claim.holder in free or not (claim.holder or claim.slot.waits)
+                ):
                     self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
             if not (free := self.free()):
                 return
@@ -157,7 +185,9 @@ def is_coroutine(delivery: Delivery) -> bool:
 
 
 def free_handlers(central: Central) -> list[Delivery]:
-    """What is handled by a handler that waits for nothing: the newest of its slot, and every coroutine."""
+    """What is handled by a handler that waits for nothing: the newest of its slot, and every
+    coroutine.
+    """
     attended = central.dispatcher.running.values()
     newest = {delivery.slot: delivery for delivery in attended}
     may_go_on = [one for one in attended if is_coroutine(one) or newest[one.slot] is one]
@@ -165,8 +195,12 @@ def free_handlers(central: Central) -> list[Delivery]:
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
-    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of several."""
+    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of
+    several.
+    """
     return any(
-        wait.origin == delivery.given_as if wait.is_coroutine else wait.since > slot.handling[delivery]
+        wait.origin == delivery.given_as
+        if wait.is_coroutine
+        else wait.since > slot.handling[delivery]
         for wait in slot.waits.values()
     )

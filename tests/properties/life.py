@@ -23,7 +23,13 @@ from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 MODULES = {
     "planner": ("goal walk", "goal step", "query where", f"broadcast {HANDLERS_CHANGED.name}"),
     "legs": ("command move", "command lift", "inform note", f"broadcast {MODULE_LEFT.name}"),
-    "map": ("query where", "multi-query all", "broadcast pose", "variable mode", f"broadcast {MODULE_JOINED.name}"),
+    "map": (
+        "query where",
+        "multi-query all",
+        "broadcast pose",
+        "variable mode",
+        f"broadcast {MODULE_JOINED.name}",
+    ),
     "expert": ("exception handler recover", "exception handler report"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
@@ -44,7 +50,9 @@ operations = st.lists(operation, max_size=lives(60, soak=200))
 Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
 CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
-"""So much may be to be done in a long life, by so many, with so many exception handlers and wiretaps."""
+"""So much may be to be done in a long life, by so many, with so many exception handlers and
+wiretaps.
+"""
 
 
 class Life:
@@ -79,7 +87,9 @@ class Life:
         name = f"{module}{self.generation}"
         pending = self.pending[self.generation % len(self.pending)]
         pool, direct = "all" if module == "map" else "", self.generation % 2 == 1
-        self.player.module(name, *self.modules[module], capacity=2, pool=pool, pending=pending, direct=direct)
+        self.player.module(
+            name, *self.modules[module], capacity=2, pool=pool, pending=pending, direct=direct
+        )
 
     def copies_of(self, message: str) -> set[int]:
         """The deliveries of a message that goes to many."""
@@ -98,18 +108,33 @@ class Life:
             name = dice.choice(self.operations)
             if self.crowd() > self.crowded and name in BEGINNING:
                 name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])
-            if name in ("tap", "attach") and len(self.central.taps) + len(self.central.attached) > ASIDES:
+            if (
+                name in ("tap", "attach")
+                and len(self.central.taps) + len(self.central.attached) > ASIDES
+            ):
                 name = "remove"
             if name in ("join", "lose", "bye"):
-                name = "join" if len(self.connections()) < CONNECTIONS else dice.choice(("lose", "bye"))
+                name = (
+                    "join"
+                    if len(self.connections()) < CONNECTIONS
+                    else dice.choice(("lose", "bye"))
+                )
             self.do(name, *(dice.randrange(1001) for _ in range(4)))
 
     def crowd(self) -> int:
         """What is to be done."""
         registry = self.central.registry
-        resources = [resource for module in registry.modules.values() for resource in module.resources.values()]
+        resources = [
+            resource
+            for module in registry.modules.values()
+            for resource in module.resources.values()
+        ]
         waiting = [len(message.waiting) for message in registry.messages.values()]
-        return len(self.central.tree.tasks) + sum(waiting) + sum(resource.waiting for resource in resources)
+        return (
+            len(self.central.tree.tasks)
+            + sum(waiting)
+            + sum(resource.waiting for resource in resources)
+        )
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)
@@ -117,7 +142,9 @@ class Life:
     def send_(self, a: int, b: int, c: int, d: int) -> None:
         senders = self.connections()
         tasks = [0, *self.central.tree.tasks]
-        parent = tasks[c % len(tasks) if c % 2 else c % min(3, len(tasks))]  # so that there are siblings
+        parent = tasks[
+            c % len(tasks) if c % 2 else c % min(3, len(tasks))
+        ]  # so that there are siblings
         constraints = []
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
@@ -127,17 +154,34 @@ class Life:
             constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
                 constraints.append(
-                    before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
+                    before(
+                        point(0, Moment.START_ACHIEVING),
+                        point(-1, list(Moment)[c % 6]),
+                        self.seconds(d % 5),
+                    )
                 )
         attended = list(self.central.dispatcher.running.values())
         origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
         self.player.send(
-            senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
-            flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
-            deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8,
-            attachments=[self.attachment(b + n, d + n // 2) for n in range((c % 6 == 5) * (1 + a % 4))],
-            if_handled=a % 5 == 0, keep=b % 4 == 1, blocking=d % 5 == 1, brief=True, suspended=d % 11 == 7,
-        )  # fmt: skip
+            senders[a % len(senders)],
+            self.sent_name(b),
+            under=parent,
+            origin=origin,
+            flags=Flags(d % 16),
+            constraints=tuple(constraints),
+            priority=d % 3,
+            maximum=d % 3,
+            deadline=self.seconds(d % 7 if a % 5 == 0 else 0),
+            when_killed=c % 9 == 8,
+            attachments=[
+                self.attachment(b + n, d + n // 2) for n in range((c % 6 == 5) * (1 + a % 4))
+            ],
+            if_handled=a % 5 == 0,
+            keep=b % 4 == 1,
+            blocking=d % 5 == 1,
+            brief=True,
+            suspended=d % 11 == 7,
+        )
 
     def sent_name(self, b: int) -> str:
         return Player.format(self.messages[b % len(self.messages)]).name
@@ -165,9 +209,15 @@ class Life:
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
-            failure, kinds = FAILURES[b % 2], [FAILURES[1]] * (b % 3 == 0) + ["handler error"] * (c % 5 == 0)
+            failure, kinds = (
+                FAILURES[b % 2],
+                [FAILURES[1]] * (b % 3 == 0) + ["handler error"] * (c % 5 == 0),
+            )
             failure = "handler error" if c % 5 == 1 else failure
-            name, is_reissue = delivery.slot.id.decode(), b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION)
+            name, is_reissue = (
+                delivery.slot.id.decode(),
+                b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION),
+            )
             self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=is_reissue)
 
     def request(self, header: type, *fields: Any, **options: Any) -> None:
@@ -185,18 +235,31 @@ class Life:
         if task := self.task(a):
             after = self.task(c) if d % 3 == 0 else None
             place = point(after, list(Moment)[d % 6]) if after else None
-            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, self.seconds(d % 4))
+            self.request(
+                headers.Kill,
+                task,
+                "",
+                list(Scope)[b % 7 if b % 7 < 3 else 0],
+                place,
+                self.seconds(d % 4),
+            )
 
     def attach_(self, a: int, b: int, c: int, d: int) -> None:
         message = ("", "", "move", "walk")[c % 4]
-        places = [one.place.id for one in self.central.attached.values() if isinstance(one.place, Task)]
-        among_others = places[a % len(places)] if places and a % 4 else None  # several to one task, or the root
+        places = [
+            one.place.id for one in self.central.attached.values() if isinstance(one.place, Task)
+        ]
+        among_others = (
+            places[a % len(places)] if places and a % 4 else None
+        )  # several to one task, or the root
         task = among_others if among_others is not None else self.task(a) or TaskId(0)
         self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
 
     def remove_(self, a: int, b: int, *_: int) -> None:
         tasks, for_all = self.central.tree.tasks.values(), b % 3 == 0
-        monitors = [task.id for task in tasks if task.message.message_class.is_monitor] if for_all else []
+        monitors = (
+            [task.id for task in tasks if task.message.message_class.is_monitor] if for_all else []
+        )
         if asides := [*self.central.attached, *self.central.taps, *monitors]:
             self.request(headers.Remove, asides[a % len(asides)], for_all)
 
@@ -205,7 +268,9 @@ class Life:
             self.request(headers.Raise, task, FAILURES[b % 2])
 
     def retry_(self, a: int, b: int, c: int, d: int) -> None:
-        handlers = [one for one in self.central.dispatcher.running.values() if one.role is Role.EXCEPTION]
+        handlers = [
+            one for one in self.central.dispatcher.running.values() if one.role is Role.EXCEPTION
+        ]
         handler = handlers[a % len(handlers)] if handlers and b % 3 else None
         name, task = "user", self.task(a)
         if handler is not None and handler.slot is not None:
@@ -226,15 +291,22 @@ class Life:
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         conditions = list(Condition)
         message = ("", "move", "walk", "where", "lift", "watch")[c % 6]
-        listeners = ["note", "lift", "step", "pose"] * 2 + [*MONITORS] * 2 + ["recover", "where", "all"]
+        listeners = (
+            ["note", "lift", "step", "pose"] * 2 + [*MONITORS] * 2 + ["recover", "where", "all"]
+        )
         watch = self.watch_options(d, b, c) if d % 3 else None
         task, condition = self.task(d) or TaskId(0), conditions[a % len(conditions)]
-        at_once, ended = not message and a % 5 < 3, [*self.central.memory.outcomes, *self.central.memory.kept]
+        at_once, ended = (
+            not message and a % 5 < 3,
+            [*self.central.memory.outcomes, *self.central.memory.kept],
+        )
         if at_once and ended and c % 4 == 0:
             task = TaskId(ended[b % len(ended)])
         if message or task:
             listener = listeners[b % len(listeners)]
-            self.request(headers.Tap, condition, listener, message, task, watch, at_once=at_once, of="move")
+            self.request(
+                headers.Tap, condition, listener, message, task, watch, at_once=at_once, of="move"
+            )
 
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
@@ -248,9 +320,21 @@ class Life:
         elif parent and d % 3:  # its own, while it is at work or afterwards
             task = self.central.tree.tasks[TaskId(parent)]
             is_or_was_handled = task.is_running or (task.returned and not task.killed)
-            origin = task.given_as if is_or_was_handled and not task.message.message_class.is_monitor else 0
+            origin = (
+                task.given_as
+                if is_or_was_handled and not task.message.message_class.is_monitor
+                else 0
+            )
         flags, is_suspended = Flags(d % 2), b % 11 == 7
-        self.player.send("user", name, under=parent, flags=flags, watch=options, origin=origin, suspended=is_suspended)
+        self.player.send(
+            "user",
+            name,
+            under=parent,
+            flags=flags,
+            watch=options,
+            origin=origin,
+            suspended=is_suspended,
+        )
 
     def causes(self, handled: Delivery) -> list[int]:
         """The tasks because of which a handler may have been called."""
@@ -265,17 +349,29 @@ class Life:
 
     def watch_options(self, a: int, b: int, c: int, *, waited_for: bool = False) -> WatchOptions:
         tasks = list(self.central.tree.tasks)
-        until = point(tasks[-1 - a % 2 * (len(tasks) - 1)], list(Moment)[c % 6]) if b % 5 == 0 and tasks else None
+        until = (
+            point(tasks[-1 - a % 2 * (len(tasks) - 1)], list(Moment)[c % 6])
+            if b % 5 == 0 and tasks
+            else None
+        )
         period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
         return WatchOptions(period, c % 3, 1 + a % 2, b % 2 == 0, duration, until, waited_for)
 
     def watchers(self) -> list[Task]:
-        return [task for task in self.central.tree.tasks.values() if task.message.message_class.is_monitor]
+        return [
+            task
+            for task in self.central.tree.tasks.values()
+            if task.message.message_class.is_monitor
+        ]
 
     def fire_(self, a: int, b: int, *_: int) -> None:
         if watchers := self.watchers():
             one, action = watchers[a % len(watchers)], ("", "step", "lift")[b % 7 % 3]
-            named = {"monitor": TaskId(0), "message": one.message.name} if b % 5 == 0 else {"monitor": TaskId(one.id)}
+            named = (
+                {"monitor": TaskId(0), "message": one.message.name}
+                if b % 5 == 0
+                else {"monitor": TaskId(one.id)}
+            )
             self.request(headers.Fire, action=action, **named)
 
     def end_monitor_(self, a: int, *_: int) -> None:
@@ -292,7 +388,9 @@ class Life:
     def release_(self, a: int, b: int, *_: int) -> None:
         names = self.connections()
         name = names[b % len(names)]
-        keeps = list(self.central.registry.connections[ConnectionId(name.encode())].module.keeps) or [TaskId(1)]
+        keeps = list(
+            self.central.registry.connections[ConnectionId(name.encode())].module.keeps
+        ) or [TaskId(1)]
         self.player.request(name, headers.Keep, TaskId(keeps[a % len(keeps)]), release=True)
 
     def pass_(self, a: int, *_: int) -> None:
@@ -302,7 +400,11 @@ class Life:
         tasks = [*self.central.tree.tasks, *self.central.memory.outcomes]
         if tasks:
             one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
-            wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]), self.seconds(a % 4))
+            wanted = before(
+                point(one, list(Moment)[c % 6]),
+                point(other, list(Moment)[d % 6]),
+                self.seconds(a % 4),
+            )
             self.player.request("user", headers.Constrain, [wanted])
 
     def wait_(self, a: int, b: int, c: int, d: int) -> None:
@@ -336,7 +438,10 @@ class Life:
         self.player.receive(name, headers.Await(number, blocking=b % 3 > 0))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
-        modules, attended = self.central.registry.modules.values(), list(self.central.dispatcher.running.values())
+        modules, attended = (
+            self.central.registry.modules.values(),
+            list(self.central.dispatcher.running.values()),
+        )
         resources = [resource for module in modules for resource in module.resources.values()]
         if not resources:
             return
@@ -348,7 +453,9 @@ class Life:
             name, origin = handled.slot.id.decode(), handled.given_as
         timeout = self.seconds(d % 5) if c % 3 == 0 else -1
         number = self.player.number(name)
-        wanted = headers.Lock(number, resource.name, resource.module, c % 2 == 0, origin, timeout, d % 3, bool(origin))
+        wanted = headers.Lock(
+            number, resource.name, resource.module, c % 2 == 0, origin, timeout, d % 3, bool(origin)
+        )
         self.player.receive(name, wanted)
 
     def unclaim_(self, a: int, *_: int) -> None:
@@ -375,9 +482,14 @@ class Life:
 
     def unregister_(self, a: int, b: int, *_: int) -> None:
         """A module goes on, and handles one of its messages no longer."""
-        if handling := [module for module in self.central.registry.modules.values() if module.handlers]:
+        if handling := [
+            module for module in self.central.registry.modules.values() if module.handlers
+        ]:
             module = handling[a % len(handling)]
-            messages, name = list(module.handlers), next(iter(module.connections.values())).id.decode()
+            messages, name = (
+                list(module.handlers),
+                next(iter(module.connections.values())).id.decode(),
+            )
             self.player.request(name, headers.Unregister, [messages[b % len(messages)]])
 
     def join_(self, a: int, *_: int) -> None:

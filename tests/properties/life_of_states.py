@@ -1,4 +1,6 @@
-"""Random lives in which clients and handlers take transitions of tasks at random, rightly and wrongly, and late."""
+"""Random lives in which clients and handlers take transitions of tasks at random, rightly and
+wrongly, and late.
+"""
 
 from typing import Any, NamedTuple
 
@@ -94,45 +96,82 @@ class LifeOfStates(Life):
     def change_(self, a: int, b: int, c: int, d: int) -> None:
         """A client, which may be a handler of something else, wants a change."""
         if (number := self.task(a)) is not None:
-            others = [one for one in self.central.dispatcher.running.values() if one.id != number and one.slot]
+            others = [
+                one
+                for one in self.central.dispatcher.running.values()
+                if one.id != number and one.slot
+            ]
             one = others[b % len(others)] if others and b % 3 == 0 else None
-            name, origin = (one.slot.id.decode(), one.given_as) if one is not None and one.slot else ("user", 0)
+            name, origin = (
+                (one.slot.id.decode(), one.given_as)
+                if one is not None and one.slot
+                else ("user", 0)
+            )
             self._ask(name, origin, number, Party.CLIENT, b, c, d)
 
     def handler_(self, a: int, b: int, c: int, d: int) -> None:
         """The handler of a task changes its state."""
-        running = [one for one in self.central.dispatcher.running.values() if isinstance(one, Task) and one.slot]
+        running = [
+            one
+            for one in self.central.dispatcher.running.values()
+            if isinstance(one, Task) and one.slot
+        ]
         if running:
             task = running[a % len(running)]
             assert task.slot is not None
             self._ask(task.slot.id.decode(), task.given_as, task.id, Party.SERVER, b, c, d)
 
-    def _ask(self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int) -> None:
+    def _ask(
+        self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int
+    ) -> None:
         self.player.tick(1.0)  # what is due comes first
         self.player.time -= 1.0
         task = self.central.tree.tasks.get(number)
         names = ["fly"]
         if task is not None:
             cycle = task.message.life_cycle
-            own = [one.name for one in cycle.transitions if one.source == task.state and one.by in (by, Party.BOTH)]
+            own = [
+                one.name
+                for one in cycle.transitions
+                if one.source == task.state and one.by in (by, Party.BOTH)
+            ]
             names = own if own and b % 4 else [one.name for one in cycle.transitions] or names
         name, serial = names[c % len(names)], task.serial if task is not None else 0
         seen = (-1, serial, max(serial - 1, 0), max(serial - 2, 0), 0, serial + (c % 9 == 0))[d % 6]
-        body = msgspec.msgpack.encode(c) if name in ("update", "result available") or d % 31 == 0 else b""
-        handler = task.slot.module.handlers.get(task.message.name) if task is not None and task.slot else None
+        body = (
+            msgspec.msgpack.encode(c)
+            if name in ("update", "result available") or d % 31 == 0
+            else b""
+        )
+        handler = (
+            task.slot.module.handlers.get(task.message.name)
+            if task is not None and task.slot
+            else None
+        )
         newest = task.message.handlers[-1] if task is not None and task.message.handlers else None
         entries, heard = len(self.player.entries), len(self.player.inbox.get(connection, ()))
         request = self.player.number(connection)
         self.player.receive(connection, ChangeState(request, number, name, seen, "", origin), body)
-        answers = [one for one, _ in self.player.inbox[connection][heard:]
-                   if isinstance(one, headers.Accepted | headers.Refused) and one.number == request]  # fmt: skip
+        answers = [
+            one
+            for one, _ in self.player.inbox[connection][heard:]
+            if isinstance(one, headers.Accepted | headers.Refused) and one.number == request
+        ]
         assert len(answers) == 1, "each request is answered once"
         found = [fact for entry in self.player.entries[entries:] for fact in entry.facts]
         self.asked = Asked(
-            number, name, seen, by, body, handler.takes if handler is not None else None,
-            handler.refuses if handler is not None else (), newest.refuses if newest is not None else (),
-            answers[0], found, entries,
-        )  # fmt: skip
+            number,
+            name,
+            seen,
+            by,
+            body,
+            handler.takes if handler is not None else None,
+            handler.refuses if handler is not None else (),
+            newest.refuses if newest is not None else (),
+            answers[0],
+            found,
+            entries,
+        )
 
     def seen(self) -> list[StateChange]:
         """All that the observer has been told, oldest first."""

@@ -1,29 +1,49 @@
 """A reference scheduler: a second central that is simple, slow and, one hopes, obviously right.
 
-It is written from what the semantics and docs/decisions say, and shares no rule with tca_central: there are no agendas,
-counters, heaps and tickets here. Tasks are plain records, constraints a list of pairs of points, timers a list of
-times. It gets the same events as central. After each it tries all rules on all tasks, again and again until nothing
-moves, and so finds which points are past; then it looks who may be given to a handler and which of them is next at
-each resource. Central must have done the same: reached the same points of the same tasks, given away what may be
-given, in the order of priority and arrival, told those who waited for a point, and sent nothing else.
+It is written from what the semantics and docs/decisions say, and shares no rule with tca_central:
+there are no agendas, counters, heaps and tickets here. Tasks are plain records, constraints a list
+of pairs of points, timers a list of times. It gets the same events as central. After each it tries
+all rules on all tasks, again and again until nothing moves, and so finds which points are past;
+then it looks who may be given to a handler and which of them is next at each resource. Central must
+have done the same: reached the same points of the same tasks, given away what may be given, in the
+order of priority and arrival, told those who waited for a point, and sent nothing else.
 
-What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of those that came to wait
-at the same time is first; which slot of several. So is what central calls a deadlock (test_deadlocks.py judges that). Left
-out are pending limits and variables (what gives way is a rule of queues, which transcripts/pending_limits.txt holds), and
-which of two timers is first that are due at the very same time: lives for the oracle have none. What central refuses is
-not judged, and changes nothing.
+What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of
+those that came to wait at the same time is first; which slot of several. So is what central calls a
+deadlock (test_deadlocks.py judges that). Left out are pending limits and variables (what gives way
+is a rule of queues, which transcripts/pending_limits.txt holds), and which of two timers is first
+that are due at the very same time: lives for the oracle have none. What central refuses is not
+judged, and changes nothing.
 
-    oracle.py           what each message does          oracle_rules.py     points, constraints, birth and end of tasks
-    oracle_records.py   the records                     oracle_failures.py  failures, retries, kills, suspension
-    oracle_slots.py     resources and their order       oracle_locks.py     locks and reservations
-    oracle_taps.py, oracle_monitors.py
+    oracle.py           what each message does          oracle_rules.py     points, constraints,
+    birth and end of tasks oracle_records.py   the records                     oracle_failures.py
+    failures, retries, kills, suspension oracle_slots.py     resources and their order
+    oracle_locks.py     locks and reservations oracle_taps.py, oracle_monitors.py
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
-from properties.oracle_records import EA, Attachment, Collector, Disagreement, Ending, Handler, Job, Node, Seen, World
+from properties import (
+    oracle_failures,
+    oracle_locks,
+    oracle_monitors,
+    oracle_rules,
+    oracle_slots,
+    oracle_taps,
+)
+from properties.oracle_records import (
+    EA,
+    Attachment,
+    Collector,
+    Disagreement,
+    Ending,
+    Handler,
+    Job,
+    Node,
+    Seen,
+    World,
+)
 
 from tca_central.events import ConnectionLost, Effect, Event, RequestReceived
 from tca_wire.journal import facts
@@ -32,11 +52,18 @@ from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
-STEPS = (oracle_failures.pass_over_all, oracle_monitors.start_all, oracle_slots.give, oracle_locks.end_deadlocks)
+STEPS = (
+    oracle_failures.pass_over_all,
+    oracle_monitors.start_all,
+    oracle_slots.give,
+    oracle_locks.end_deadlocks,
+)
 
 
 class Oracle:
-    """``judge`` is told what came in and what central did about it, and raises Disagreement if that is wrong."""
+    """``judge`` is told what came in and what central did about it, and raises Disagreement if that
+    is wrong.
+    """
 
     def __init__(self) -> None:
         self.world = World()
@@ -52,7 +79,11 @@ class Oracle:
         oracle_rules.let_time_pass(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
-        elif isinstance(event, RequestReceived) and not seen.is_refused and type(event.header) in MESSAGES:
+        elif (
+            isinstance(event, RequestReceived)
+            and not seen.is_refused
+            and type(event.header) in MESSAGES
+        ):
             MESSAGES[type(event.header)](self, event.connection.decode(), event.header, event.body)
         self._settle()
         self._compare(seen)
@@ -71,7 +102,9 @@ class Oracle:
         for task in world.nodes:
             mine, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
             if mine != theirs:
-                raise Disagreement(f"task {task} has reached {_words(mine)}; central says {_words(theirs)}")
+                raise Disagreement(
+                    f"task {task} has reached {_words(mine)}; central says {_words(theirs)}"
+                )
         for task in self.reached.keys() - world.nodes.keys():
             if (theirs := self.reached.pop(task)) != 63:
                 raise Disagreement(f"task {task} has ended; central says {_words(theirs)}")
@@ -95,10 +128,16 @@ class Oracle:
 
     def _compare_waits(self, seen: Seen) -> None:
         world = self.world
-        answered = {(name, header.number) for name, header in seen.told if isinstance(header, headers.Answer)}
+        answered = {
+            (name, header.number)
+            for name, header in seen.told
+            if isinstance(header, headers.Answer)
+        }
         for key, (node, moment) in list(world.waits.items()):
             if (moment in node.past) != (key in answered):
-                raise Disagreement(f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered")
+                raise Disagreement(
+                    f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered"
+                )
             if moment in node.past:
                 del world.waits[key]
 
@@ -111,14 +150,22 @@ class Oracle:
                 del self.claimed[fact.id]
         mine = {claim.id: claim.granted for claim in self.world.claims}
         if mine != self.claimed:
-            raise Disagreement(f"who wants (False) or has a resource: {mine}; central says {self.claimed}")
-        answered = {(name, header.number) for name, header in seen.told if isinstance(header, headers.Answer)}
+            raise Disagreement(
+                f"who wants (False) or has a resource: {mine}; central says {self.claimed}"
+            )
+        answered = {
+            (name, header.number)
+            for name, header in seen.told
+            if isinstance(header, headers.Answer)
+        }
         granted = {fact.id for fact in seen.facts if isinstance(fact, facts.Granted)}
         for claim in self.world.claims:
             if (claim.id in granted) != ((claim.sender, claim.number) in answered):
-                raise Disagreement(f"{claim.id in granted} that {claim} is granted, but not that its sender is told")
+                raise Disagreement(
+                    f"{claim.id in granted} that {claim} is granted, but not that its sender is told"
+                )
 
-    # --- modules -----------------------------------------------------------------------------------------------
+    # --- modules ----------------------------------------------------------------------------------
 
     def hello(self, connection: str, header: headers.Hello, _: bytes) -> None:
         self.world.modules[connection] = header.module
@@ -165,13 +212,19 @@ class Oracle:
     def _own_origin(self, connection: str, origin: int) -> int:
         """The delivery whose handler asks; 0 if that is somebody else's, whatever a module says."""
         modules = self.world.modules
-        whose = [modules[job.slot] for job in self.world.everything() if job.slot and job.given_as == origin]
+        whose = [
+            modules[job.slot]
+            for job in self.world.everything()
+            if job.slot and job.given_as == origin
+        ]
         return 0 if whose and modules[connection] not in whose else origin
 
-    # --- sending -----------------------------------------------------------------------------------------------
+    # --- sending ----------------------------------------------------------------------------------
 
     def send(self, connection: str, header: headers.Send, body: bytes) -> None:
-        """Central has taken a message: it says with which id, if it was not *if handled* or *when killed*."""
+        """Central has taken a message: it says with which id, if it was not *if handled* or *when
+        killed*.
+        """
         world = self.world
         kind = world.kinds[header.message]
         if header.when_killed and kind.is_task and world.seen.is_accepted_as(0):
@@ -190,7 +243,9 @@ class Oracle:
             self._new_task(connection, header, birth.id)
             return
         module = world.modules[connection]
-        job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
+        job = Job(
+            birth.id, header.message, kind, connection, module, header.number, header.priority
+        )
         job.origin = self._own_origin(connection, header.origin)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
@@ -209,10 +264,20 @@ class Oracle:
         assert parent is not None
         kind = world.kinds[header.message]
         module = world.modules[connection]
-        node = Node(task, header.message, kind, connection, module, priority=header.priority, run=world.gone[module])
+        node = Node(
+            task,
+            header.message,
+            kind,
+            connection,
+            module,
+            priority=header.priority,
+            run=world.gone[module],
+        )
         if kind.is_monitor:
             oracle_monitors.born(node, header.watch)
-            node.is_guest = oracle_monitors.is_guest(world, parent, self._own_origin(connection, header.origin))
+            node.is_guest = oracle_monitors.is_guest(
+                world, parent, self._own_origin(connection, header.origin)
+            )
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
         for one, other in oracle_rules.from_flags(header.flags, node, last):
@@ -244,7 +309,7 @@ class Oracle:
                 raise Disagreement(f"central takes {wanted}, though {wanted.after} is past")
             oracle_rules.constrain(self.world, one, other, delay)
 
-    # --- handlers return ---------------------------------------------------------------------------------------
+    # --- handlers return --------------------------------------------------------------------------
 
     def _returned(self, given_as: int) -> Job:
         (job,) = (job for job in self.world.everything() if job.slot and job.given_as == given_as)
@@ -276,7 +341,11 @@ class Oracle:
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)
-        oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue))
+        oracle_taps.happened(
+            self.world,
+            job,
+            oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue),
+        )
         oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=False)
@@ -286,7 +355,7 @@ class Oracle:
         else:
             oracle_failures.returned_with_failure(self.world, job, (header.failure, *header.kinds))
 
-    # --- steering ----------------------------------------------------------------------------------------------
+    # --- steering ---------------------------------------------------------------------------------
 
     def constrain(self, _: str, header: headers.Constrain, _body: bytes) -> None:
         for wanted in header.constraints:
@@ -312,20 +381,31 @@ class Oracle:
             self.world.endings.append(ending)
 
     def attach(self, connection: str, header: headers.Attach, _: bytes) -> None:
-        self._attach(header.attachment, header.message or self.world.node(header.task), self.world.modules[connection])
+        self._attach(
+            header.attachment,
+            header.message or self.world.node(header.task),
+            self.world.modules[connection],
+        )
 
     def _attach(self, wanted: Any, where: Any, by: str) -> None:
         world = self.world
-        attached = where.attached if isinstance(where, Node) else world.attached.setdefault(where, [])
+        attached = (
+            where.attached if isinstance(where, Node) else world.attached.setdefault(where, [])
+        )
         same = (wanted.failure, wanted.handler, by)
         attached[:] = [one for one in attached if (one.failure, one.handler, one.by) != same]
         number = world.seen.attached.pop(0).id
         message = "" if isinstance(where, Node) else where
-        attached.append(Attachment(number, wanted.failure, wanted.handler, wanted.maximum, message, by))
+        attached.append(
+            Attachment(number, wanted.failure, wanted.handler, wanted.maximum, message, by)
+        )
 
     def remove(self, connection: str, header: headers.Remove, _: bytes) -> None:
         world = self.world
-        for attached in [*world.attached.values(), *(node.attached for node in [world.root, *world.nodes.values()])]:
+        for attached in [
+            *world.attached.values(),
+            *(node.attached for node in [world.root, *world.nodes.values()]),
+        ]:
             attached[:] = [one for one in attached if one.id != header.id]
         oracle_taps.let_go(world, header.id, world.modules[connection], for_all=header.for_all)
         if header.for_all and header.id in world.nodes:
@@ -340,7 +420,14 @@ class Oracle:
             oracle_failures.retry_now(self.world, node, connection)
 
     def resolve(self, _: str, header: headers.Resolve, _body: bytes) -> None:
-        node = next((one for one in self.world.nodes.values() if one.slot and one.given_as == header.origin), None)
+        node = next(
+            (
+                one
+                for one in self.world.nodes.values()
+                if one.slot and one.given_as == header.origin
+            ),
+            None,
+        )
         if node is not None and node.role is Role.EXCEPTION:
             oracle_failures.resolve(node)
 
@@ -359,7 +446,11 @@ class Oracle:
             oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
 
     def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
-        named = [node for node in self.world.nodes.values() if node.watch and node.message == header.message]
+        named = [
+            node
+            for node in self.world.nodes.values()
+            if node.watch and node.message == header.message
+        ]
         one = self.world.nodes.get(header.monitor)
         for node in named if header.message else [one] if one is not None else []:
             if node.watch.is_on:

@@ -20,7 +20,7 @@ FAILED_OTHERWISE = {
 }  # than by choice
 
 
-# --- kill ------------------------------------------------------------------------------------------------------------
+# --- kill -----------------------------------------------------------------------------------------
 
 
 def kill(world: World, node: Node) -> None:
@@ -85,7 +85,7 @@ def kill_scope(world: World, ending: Ending) -> None:
             kill(world, child)
 
 
-# --- suspend ---------------------------------------------------------------------------------------------------------
+# --- suspend --------------------------------------------------------------------------------------
 
 
 def suspend(world: World, node: Node, *, resume: bool) -> None:
@@ -95,7 +95,7 @@ def suspend(world: World, node: Node, *, resume: bool) -> None:
             oracle_monitors.go_on(world, one)
 
 
-# --- failures --------------------------------------------------------------------------------------------------------
+# --- failures -------------------------------------------------------------------------------------
 
 
 def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> None:
@@ -115,15 +115,22 @@ def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
     _search(world, node, names)
 
 
-def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None) -> Node | None:
-    """The task of the exception handler that is called; None, and somebody is killed, if there is none."""
+def _search(
+    world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None
+) -> Node | None:
+    """The task of the exception handler that is called; None, and somebody is killed, if there is
+    none.
+    """
     around = _around(node)
     known = around.failing if around else after
     passed = known.passed if known else set()
     for at, attachment in _candidates(world, node, after):
         fits = attachment.failure in ("", *names) and world.handlers.get(attachment.handler)
         exhausted = attachment.maximum and at.calls.get(attachment.id, 0) >= attachment.maximum
-        nested = sum(above.failing is not None and above.failing.attachment is attachment for above in node.lineage())
+        nested = sum(
+            above.failing is not None and above.failing.attachment is attachment
+            for above in node.lineage()
+        )
         if fits and not exhausted and nested < MOST_NESTED and (attachment, names[0]) not in passed:
             at.calls[attachment.id] = at.calls.get(attachment.id, 0) + 1
             handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
@@ -148,7 +155,9 @@ def _around(node: Node) -> Node | None:
 
 
 def _pass_over(world: World, handler: Node) -> None:
-    """An exception handler could not decide: who comes after it is asked, unless it had decided before."""
+    """An exception handler could not decide: who comes after it is asked, unless it had decided
+    before.
+    """
     assert handler.failing is not None
     had_decided, handler.void = handler.void, True
     kill(world, handler)
@@ -158,14 +167,16 @@ def _pass_over(world: World, handler: Node) -> None:
 
 
 def pass_over_all(world: World) -> bool:
-    """Exception handlers that wait and that nobody handles any more cannot decide, in the order in which they came to
-    wait; whether there were any.
+    """Exception handlers that wait and that nobody handles any more cannot decide, in the order in
+    which they came to wait; whether there were any.
     """
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
         return False
     said = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
-    for node in sorted(due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)):
+    for node in sorted(
+        due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)
+    ):
         if not node.killed:
             kill(world, node)
     return True
@@ -173,12 +184,18 @@ def pass_over_all(world: World) -> bool:
 
 def stranded(world: World) -> set[Node]:
     """The exception handlers that wait, and that nobody handles."""
-    waiting = {node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION}
+    waiting = {
+        node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION
+    }
     return {node for node in waiting if not world.handlers.get(node.message)}
 
 
-def _candidates(world: World, node: Node, after: Trouble | None) -> Iterator[tuple[Node, Attachment]]:
-    """From the failing task up: its own exception handlers, then those of its message, newest first; all after one."""
+def _candidates(
+    world: World, node: Node, after: Trouble | None
+) -> Iterator[tuple[Node, Attachment]]:
+    """From the failing task up: its own exception handlers, then those of its message, newest
+    first; all after one.
+    """
     for at in [*node.lineage(), world.root]:
         own = sorted(at.attached, key=lambda one: -one.id)
         of_message = sorted(world.attached.get(at.message, []), key=lambda one: -one.id)
@@ -228,7 +245,9 @@ def handler_ended(world: World, handler: Node) -> None:
 def resolve(handler: Node) -> None:
     """An exception handler has dealt with its failure, if it ends well."""
     assert handler.failing is not None
-    handler.resolved |= not (handler.void or handler.again or handler.killed or handler.failing.node.killed)
+    handler.resolved |= not (
+        handler.void or handler.again or handler.killed or handler.failing.node.killed
+    )
 
 
 def retry(world: World, node: Node) -> None:
@@ -239,7 +258,9 @@ def retry(world: World, node: Node) -> None:
 
 
 def retry_now(world: World, node: Node, connection: str) -> None:
-    """Somebody asks that a task be handled once more: what is under it ends first, but for the monitors of others."""
+    """Somebody asks that a task be handled once more: what is under it ends first, but for the
+    monitors of others.
+    """
     node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)

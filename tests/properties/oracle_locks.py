@@ -1,8 +1,10 @@
-"""The rules of locks and reservations: who may have a resource for himself, whom that keeps out, and when it ends.
+"""The rules of locks and reservations: who may have a resource for himself, whom that keeps out,
+and when it ends.
 
-Who wants one waits in line with the messages, until nobody is in the resource but himself. Deadlocks are not sought
-here (test_deadlocks.py looks after those): a wait that central refuses for one ends as if its sender had given up, so
-does what it takes away, and a failure that it raises for one is raised by somebody.
+Who wants one waits in line with the messages, until nobody is in the resource but himself.
+Deadlocks are not sought here (test_deadlocks.py looks after those): a wait that central refuses for
+one ends as if its sender had given up, so does what it takes away, and a failure that it raises for
+one is raised by somebody.
 """
 
 from properties import oracle_failures, oracle_slots
@@ -11,16 +13,29 @@ from properties.oracle_records import Claim, Job, Node, World, is_deadlock, is_l
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 
-INSIDE = float("inf")  # the priority of who asks from inside: nobody else's turn comes before he is out
+INSIDE = float(
+    "inf"
+)  # the priority of who asks from inside: nobody else's turn comes before he is out
 
 
 def lock(world: World, connection: str, header: headers.Lock) -> None:
     """A connection wants a resource; central says which one that is."""
     fact = next(fact for fact in world.seen.facts if isinstance(fact, facts.Claimed))
-    holders = [job for job in world.everything() if job.slot and header.origin and job.given_as == header.origin]
+    holders = [
+        job
+        for job in world.everything()
+        if job.slot and header.origin and job.given_as == header.origin
+    ]
     resource = fact.module, fact.resource
     is_inside = connection in busy_slots(world, resource)
-    claim = Claim(fact.id, resource, connection, header.number, world.modules[connection], reserves=header.reserve)
+    claim = Claim(
+        fact.id,
+        resource,
+        connection,
+        header.number,
+        world.modules[connection],
+        reserves=header.reserve,
+    )
     claim.holder = holders[0] if holders else None
     claim.priority = INSIDE if is_inside else header.priority
     claim.since = claim.arrival = (world.step, world.round)
@@ -29,7 +44,7 @@ def lock(world: World, connection: str, header: headers.Lock) -> None:
     world.claims.append(claim)
 
 
-# --- who gets in -----------------------------------------------------------------------------------------------------
+# --- who gets in ----------------------------------------------------------------------------------
 
 
 def busy_slots(world: World, resource: tuple[str, str]) -> set[str]:
@@ -40,12 +55,18 @@ def busy_slots(world: World, resource: tuple[str, str]) -> set[str]:
 
 def owner(world: World, resource: tuple[str, str]) -> Claim | None:
     """Who has the resource."""
-    return next((claim for claim in world.claims if claim.resource == resource and claim.granted), None)
+    return next(
+        (claim for claim in world.claims if claim.resource == resource and claim.granted), None
+    )
 
 
 def in_line(world: World, resource: tuple[str, str]) -> list[Claim]:
     """Who wants a resource that nobody has."""
-    return [] if owner(world, resource) else [claim for claim in world.claims if claim.resource == resource]
+    return (
+        []
+        if owner(world, resource)
+        else [claim for claim in world.claims if claim.resource == resource]
+    )
 
 
 def lets_in(world: World, job: Job, resource: tuple[str, str]) -> bool:
@@ -65,7 +86,7 @@ def may_have_it(world: World, claim: Claim) -> bool:
     return busy_slots(world, claim.resource) <= {claim.sender}
 
 
-# --- ends ------------------------------------------------------------------------------------------------------------
+# --- ends -----------------------------------------------------------------------------------------
 
 
 def end_for(world: World, job: Job) -> None:
@@ -75,7 +96,9 @@ def end_for(world: World, job: Job) -> None:
 
 def killed(world: World, node: Node) -> None:
     """A killed task gets nothing more, and keeps what it has only while its handler runs."""
-    world.claims = [claim for claim in world.claims if claim.holder is not node or (claim.granted and node.slot)]
+    world.claims = [
+        claim for claim in world.claims if claim.holder is not node or (claim.granted and node.slot)
+    ]
 
 
 def left(world: World, connection: str) -> None:
@@ -90,7 +113,9 @@ def module_left(world: World, module: str) -> None:
 
 def give_up(world: World, sender: str, number: int) -> None:
     """Who has or wants a resource wants it no longer."""
-    world.claims = [claim for claim in world.claims if (claim.sender, claim.number) != (sender, number)]
+    world.claims = [
+        claim for claim in world.claims if (claim.sender, claim.number) != (sender, number)
+    ]
 
 
 def unlock(world: World, header: headers.Unlock) -> None:
@@ -108,7 +133,9 @@ def unlock(world: World, header: headers.Unlock) -> None:
 
 
 def warn(world: World, node: Node) -> None:
-    """Central raises "lock lost" on a task that keeps what was taken away; not if it knows of a failure already."""
+    """Central raises "lock lost" on a task that keeps what was taken away; not if it knows of a
+    failure already.
+    """
     oracle_slots.give_messages(world)  # wiretaps were fired first, as the handler returned
     fact = world.seen.given[0][0] if world.seen.given else None
     if is_lock_lost(fact) and fact.id == node.id:
@@ -121,7 +148,7 @@ def time_out(world: World) -> None:
     world.claims = [claim for claim in world.claims if claim.granted or claim.due > world.due_by]
 
 
-# --- deadlocks -------------------------------------------------------------------------------------------------------
+# --- deadlocks ------------------------------------------------------------------------------------
 
 
 def end_deadlocks(world: World) -> bool:

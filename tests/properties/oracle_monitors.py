@@ -11,9 +11,14 @@ from tca_wire.vocabulary import Condition, MessageClass, Role
 
 NO = (b"\xc0", b"\xc2")  # None and False: the condition does not hold
 OF_HANDLING = {
-    Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.AFTER_HANDLED, Condition.AFTER_SUCCESS,
-    Condition.AFTER_FAILURE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE,
-}  # fmt: skip
+    Condition.BEFORE_HANDLING,
+    Condition.WHILE_HANDLING,
+    Condition.AFTER_HANDLED,
+    Condition.AFTER_SUCCESS,
+    Condition.AFTER_FAILURE,
+    Condition.WHEN_SUCCESS,
+    Condition.WHEN_FAILURE,
+}
 """When wiretaps are fired for a task once more if it is retried."""
 
 
@@ -38,11 +43,15 @@ class Watch:
 def born(node: Node, options: WatchOptions | None) -> None:
     """A new task is a monitor."""
     node.watch = Watch(options or WatchOptions())
-    node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not node.watch.options.waited_for
+    node.watches_over = (
+        node.kind is not MessageClass.POINT_MONITOR and not node.watch.options.waited_for
+    )
 
 
 def is_guest(world: World, parent: Node, origin: int) -> bool:
-    """Whether a monitor is put under a task, from the handler of a delivery, by what did not come of handling that task."""
+    """Whether a monitor is put under a task, from the handler of a delivery, by what did not come
+    of handling that task.
+    """
     seen: list[Job] = []
     while not origin or origin != parent.given_as:
         one = _at_work(world, origin)
@@ -77,9 +86,15 @@ def _at_work(world: World, delivery: int) -> Job | None:
 
 
 def start_all(world: World) -> bool:
-    """The turn of monitors has come: no handler gets them. Whether there was any. Which of several is first is open."""
+    """The turn of monitors has come: no handler gets them. Whether there was any. Which of several
+    is first is open.
+    """
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
-    first: list[int] = [fact.task for fact in world.seen.facts if isinstance(fact, facts.Reached) and fact.moments & SH]
+    first: list[int] = [
+        fact.task
+        for fact in world.seen.facts
+        if isinstance(fact, facts.Reached) and fact.moments & SH
+    ]
     for node in sorted(monitors, key=lambda one: first.index(one.id) if one.id in first else 0):
         node.waiting = node.wanted = False
         _start(world, node)
@@ -111,7 +126,9 @@ def _start(world: World, node: Node) -> None:
 
 def _is_at_its_end(world: World, node: Node) -> bool:
     until = node.watch.options.until
-    return until is not None and oracle_rules.is_past(oracle_rules.place(world, until.task, until.moment))
+    return until is not None and oracle_rules.is_past(
+        oracle_rules.place(world, until.task, until.moment)
+    )
 
 
 def _send(world: World, node: Node, part: int, role: Role) -> None:
@@ -124,12 +141,19 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
         oracle_rules.make(world, message, role, node, node)
     else:
         made = world.seen.take_made(message, role, 0, node.id)
-        job = Job(made, message, kind, module=node.module, role=role, sent_for_listener=node.role is Role.LISTENER)
+        job = Job(
+            made,
+            message,
+            kind,
+            module=node.module,
+            role=role,
+            sent_for_listener=node.role is Role.LISTENER,
+        )
         job.about = node
         oracle_slots.send_statement(world, job)
 
 
-# --- testing ---------------------------------------------------------------------------------------------------------
+# --- testing --------------------------------------------------------------------------------------
 
 
 def _test_later(world: World, node: Node) -> None:
@@ -181,19 +205,28 @@ def _test_as_fired(world: World, node: Node) -> bool:
 
 def _test(world: World, node: Node) -> None:
     if node.kind is MessageClass.POLLING_MONITOR:
-        world.alarms = [alarm for alarm in world.alarms if alarm.watch is not node.watch or not alarm.is_test]
+        world.alarms = [
+            alarm for alarm in world.alarms if alarm.watch is not node.watch or not alarm.is_test
+        ]
         _test_later(world, node)
     query = world.parts[node.message][0]
     made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
     is_listener = node.role is Role.LISTENER
     node.watch.condition = Job(
-        made, query, world.kinds[query], module=node.module, role=Role.CONDITION, sent_for_listener=is_listener
+        made,
+        query,
+        world.kinds[query],
+        module=node.module,
+        role=Role.CONDITION,
+        sent_for_listener=is_listener,
     )
     node.watch.condition.about = node
     oracle_slots.wait(world, node.watch.condition)
 
 
-def answered(world: World, job: Job, body: bytes | None, names: tuple[str, ...] = ("module lost",)) -> None:
+def answered(
+    world: World, job: Job, body: bytes | None, names: tuple[str, ...] = ("module lost",)
+) -> None:
     """A condition was answered, or (*body* None) failed."""
     asking = [node for node in world.nodes.values() if node.watch and node.watch.condition is job]
     for node in asking:
@@ -222,7 +255,7 @@ def fire(world: World, node: Node) -> None:
         end(world, node)
 
 
-# --- the end ---------------------------------------------------------------------------------------------------------
+# --- the end --------------------------------------------------------------------------------------
 
 
 def end(world: World, node: Node) -> None:
@@ -249,9 +282,15 @@ def stop(world: World, node: Node) -> None:
 
 
 def end_what_is_to_end(world: World) -> bool:
-    """Monitors at their end point, and those that have nothing left to watch over; whether there were any."""
+    """Monitors at their end point, and those that have nothing left to watch over; whether there
+    were any.
+    """
     to_kill: list[Node] = []
-    to_end = [node for node in world.nodes.values() if node.watch and node.watch.is_on and _is_at_its_end(world, node)]
+    to_end = [
+        node
+        for node in world.nodes.values()
+        if node.watch and node.watch.is_on and _is_at_its_end(world, node)
+    ]
     for parent in world.nodes.values():
         children = world.children(parent)
         if parent.returned and all(child.watches_over for child in children):
@@ -268,5 +307,7 @@ def end_what_is_to_end(world: World) -> bool:
 def _would_wait(world: World, node: Node) -> bool:
     """Whether a monitor has yet to begin and can't, for others."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
-    is_held = oracle_rules.is_checked(node) or any(held == node.id for held, _ in oracle_rules.held_points(world))
+    is_held = oracle_rules.is_checked(node) or any(
+        held == node.id for held, _ in oracle_rules.held_points(world)
+    )
     return is_to_begin and (node.suspended or is_held)

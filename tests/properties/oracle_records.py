@@ -1,4 +1,6 @@
-"""What the oracle knows: plain records and lists of them, and what was seen of central in the event at hand."""
+"""What the oracle knows: plain records and lists of them, and what was seen of central in the event
+at hand.
+"""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -17,7 +19,9 @@ STARTS = {SH, SP, SA}
 
 
 Family = tuple[int, str, int]
-"""Tasks to which each other's flags may refer: by parent and, under the root, module and run of it."""
+"""Tasks to which each other's flags may refer: by parent and, under the root, module and run of
+it.
+"""
 
 
 class Disagreement(AssertionError):
@@ -37,7 +41,9 @@ class Job:
     priority: int = 0
     role: Role = Role.NONE
     sent_for_listener: bool = False  # by a monitor that was sent for a wiretap
-    target: tuple[str, str] | None = None  # a copy's resource; others go to whoever handles their message
+    target: tuple[str, str] | None = (
+        None  # a copy's resource; others go to whoever handles their message
+    )
     wanted: bool = True  # it shall be given to a handler
     waiting: bool = False  # nothing but the want of a slot keeps it from that
     since: tuple[int, int] = (0, 0)  # when it came to wait (step, round)
@@ -68,14 +74,22 @@ class Node(Job):
     recovering: "Node | None" = None
     failing: "Trouble | None" = None  # of an exception handler: what it handles
     void: bool = False
-    resolved: bool = False  # of an exception handler: if it ends well its failure has been dealt with
+    resolved: bool = (
+        False  # of an exception handler: if it ends well its failure has been dealt with
+    )
     attached: list["Attachment"] = field(default_factory=list)
-    calls: dict[int, int] = field(default_factory=dict)  # attachment -> how often it was called for this task
+    calls: dict[int, int] = field(
+        default_factory=dict
+    )  # attachment -> how often it was called for this task
     parting: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
-    unheard: set[int] = field(default_factory=set)  # those of them whose listener nobody handled then
-    checks: list["Node"] = field(default_factory=list)  # listeners that are handled before it is handled once more
+    unheard: set[int] = field(
+        default_factory=set
+    )  # those of them whose listener nobody handled then
+    checks: list["Node"] = field(
+        default_factory=list
+    )  # listeners that are handled before it is handled once more
     listeners: list["Node"] = field(default_factory=list)  # that die with it
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
@@ -88,13 +102,18 @@ class Node(Job):
 
     @property
     def first(self) -> Moment:
-        """The start that its handler waits for: goals are handled when they are planned, others when achieved."""
+        """The start that its handler waits for: goals are handled when they are planned, others
+        when achieved.
+        """
         return SP if self.is_goal else SA
 
     @property
     def is_eligible(self) -> bool:
         """Whether constraint flags may refer to it."""
-        return not self.role and self.kind not in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
+        return not self.role and self.kind not in (
+            MessageClass.POLLING_MONITOR,
+            MessageClass.DEMON_MONITOR,
+        )
 
     def lineage(self) -> list["Node"]:
         """From this task up to the one right under the root."""
@@ -125,7 +144,9 @@ class Claim:
 
 @dataclass(eq=False)
 class Pair:
-    """*after* is reached no earlier than *delay* after *before*; *due* is known once that is past."""
+    """*after* is reached no earlier than *delay* after *before*; *due* is known once that is
+    past.
+    """
 
     before: tuple[Node, Moment] | None
     after: tuple[Node, Moment]
@@ -135,7 +156,9 @@ class Pair:
 
 @dataclass(eq=False)
 class Alarm:
-    """Something that is due at a time for a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
+    """Something that is due at a time for a task: a deadline, a kill, a monitor's end or
+    (*is_test*) its next test.
+    """
 
     due: float
     step: int  # in which it was set
@@ -174,7 +197,9 @@ class Trouble:
     names: tuple[str, ...]
     at: Node
     attachment: Attachment
-    passed: set[tuple[Attachment, str]]  # that could not decide about failures so named, of this one and all below
+    passed: set[
+        tuple[Attachment, str]
+    ]  # that could not decide about failures so named, of this one and all below
 
     @property
     def is_own(self) -> bool:
@@ -210,26 +235,40 @@ class Collector:
 
 
 class Seen:
-    """What central did in one event. What the rules leave open is taken from here: the ids of what it made itself, and
-    who of several with equal rights came first.
+    """What central did in one event. What the rules leave open is taken from here: the ids of what
+    it made itself, and who of several with equal rights came first.
     """
 
     def __init__(self, effects: list[Effect]) -> None:
-        self.facts = [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
-        self.told = [(effect.connection.decode(), effect.header) for effect in effects if isinstance(effect, Transmit)]
+        self.facts = [
+            fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts
+        ]
+        self.told = [
+            (effect.connection.decode(), effect.header)
+            for effect in effects
+            if isinstance(effect, Transmit)
+        ]
         causes = [effect.entry.cause for effect in effects if isinstance(effect, Record)]
         self.due = [cause.about for cause in causes if isinstance(cause, TimeOver)]
         births = [fact for fact in self.facts if isinstance(fact, facts.Received)]
         self.sent = [birth for birth in births if birth.sender != "central"]
         self.made = [birth for birth in births if birth.sender == "central"]
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
-        slots = [connection for connection, header in self.told if isinstance(header, headers.Deliver)]
+        slots = [
+            connection for connection, header in self.told if isinstance(header, headers.Deliver)
+        ]
         next_slot = iter(slots)
         self.given = [
-            (fact, next(next_slot) if isinstance(fact, facts.Delivered) else "") for fact in self.facts if is_turn(fact)
+            (fact, next(next_slot) if isinstance(fact, facts.Delivered) else "")
+            for fact in self.facts
+            if is_turn(fact)
         ]
-        refused = [(name, header) for name, header in self.told if isinstance(header, headers.Refused)]
-        self.deadlocked = [(name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK]
+        refused = [
+            (name, header) for name, header in self.told if isinstance(header, headers.Refused)
+        ]
+        self.deadlocked = [
+            (name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK
+        ]
 
     def place(self, task: int) -> int:
         """The place of a task among those for which something was due."""
@@ -237,24 +276,41 @@ class Seen:
 
     @property
     def is_refused(self) -> bool:
-        return any(isinstance(fact, facts.RequestRefused) and not is_deadlock(fact) for fact in self.facts)
+        return any(
+            isinstance(fact, facts.RequestRefused) and not is_deadlock(fact) for fact in self.facts
+        )
 
     def is_accepted_as(self, number: int) -> bool:
-        return any(isinstance(header, headers.Accepted) and header.id == number for _, header in self.told)
+        return any(
+            isinstance(header, headers.Accepted) and header.id == number for _, header in self.told
+        )
 
     def take_made(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
         """The id of a message that central must have made, for a wiretap."""
-        fired = [fact.listener for fact in self.facts if isinstance(fact, facts.TapFired) and fact.tap == tap]
+        fired = [
+            fact.listener
+            for fact in self.facts
+            if isinstance(fact, facts.TapFired) and fact.tap == tap
+        ]
         for birth in self.made:
-            is_it = (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about)
+            is_it = (birth.message, birth.role, birth.parent, birth.about) == (
+                message,
+                role,
+                parent,
+                about,
+            )
             if is_it and (birth.id in fired or not tap):
                 self.made.remove(birth)
                 return birth.id
-        raise Disagreement(f"central made no {role} '{message}' under {parent} about {about}: {self.made}")
+        raise Disagreement(
+            f"central made no {role} '{message}' under {parent} about {about}: {self.made}"
+        )
 
 
 def is_deadlock(fact: object) -> bool:
-    """Whether central ends a wait here, takes a claim away or raises a failure because of a deadlock."""
+    """Whether central ends a wait here, takes a claim away or raises a failure because of a
+    deadlock.
+    """
     if isinstance(fact, facts.ClaimEnded):
         return fact.why.startswith(f"{Refusal.DEADLOCK}: ")
     if isinstance(fact, facts.Failed):
@@ -268,8 +324,12 @@ def is_lock_lost(fact: object) -> TypeGuard[facts.Failed]:
 
 
 def is_turn(fact: object) -> bool:
-    """Whether somebody's turn has come, or has to come no more; or whether a task is told of what was taken."""
-    return isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact) or is_lock_lost(fact)
+    """Whether somebody's turn has come, or has to come no more; or whether a task is told of what
+    was taken.
+    """
+    return (
+        isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact) or is_lock_lost(fact)
+    )
 
 
 class World:
@@ -299,8 +359,12 @@ class World:
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
         self.came_to_nothing: set[int] = set()  # of these, the killed ones
-        self.never_began: set[tuple[int, Moment]] = set()  # the starts that tasks had not reached when they were killed
-        self.spared: set[Node] = set()  # exception handlers that nobody handles, and that wait all the same
+        self.never_began: set[tuple[int, Moment]] = (
+            set()
+        )  # the starts that tasks had not reached when they were killed
+        self.spared: set[Node] = (
+            set()
+        )  # exception handlers that nobody handles, and that wait all the same
         self.news = False  # a wiretap has sent something
         self.seen = Seen([])
 

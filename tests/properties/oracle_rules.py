@@ -1,15 +1,30 @@
 """The rules of the tree: which points are past, and who may be given to a handler.
 
-All rules are tried on all tasks until nothing moves. A task starts planning (achieving) after its parent has, a parent
-ends planning (achieving) after all its children have; a pair of points holds the second one back until the first is
-past; what is killed waits for nothing but its running handlers.
+All rules are tried on all tasks until nothing moves. A task starts planning (achieving) after its
+parent has, a parent ends planning (achieving) after all its children have; a pair of points holds
+the second one back until the first is past; what is killed waits for nothing but its running
+handlers.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
-from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Family, Job, Node, Pair, World
+from properties.oracle_records import (
+    EA,
+    EH,
+    EP,
+    SA,
+    SH,
+    SP,
+    STARTS,
+    Alarm,
+    Family,
+    Job,
+    Node,
+    Pair,
+    World,
+)
 
 from tca_wire.constraints import Flags
 from tca_wire.points import Moment
@@ -19,7 +34,9 @@ ORDER = {
     True: {SA: {SP}, EH: {SP}, EP: {EH}, EA: {SA, EH, EP}},
     False: {EH: {SA}, EA: {EH}},
 }
-"""By whether it is a goal: what comes directly before a moment in the same task. The first start is reached by delivery."""
+"""By whether it is a goal: what comes directly before a moment in the same task. The first start is
+reached by delivery.
+"""
 
 
 def after(is_goal: bool, moment: Moment) -> set[Moment]:
@@ -31,7 +48,9 @@ def after(is_goal: bool, moment: Moment) -> set[Moment]:
 
 
 def place(world: World, task: int, moment: Moment) -> tuple[Node, Moment] | None:
-    """A point; start handling is the start of what a task's handling starts with. None if it is past for ever."""
+    """A point; start handling is the start of what a task's handling starts with. None if it is
+    past for ever.
+    """
     node = world.nodes.get(task)
     return None if node is None else (node, node.first if moment == SH else moment)
 
@@ -45,10 +64,12 @@ def never_begins(world: World, task: int, moment: Moment) -> bool:
     return (task, {EH: SH, EP: SP, EA: SA}.get(moment, moment)) in world.never_began
 
 
-# --- constraints -----------------------------------------------------------------------------------------------------
+# --- constraints ----------------------------------------------------------------------------------
 
 
-def constrain(world: World, one: tuple[Node, Moment] | None, other: tuple[Node, Moment], delay: float) -> None:
+def constrain(
+    world: World, one: tuple[Node, Moment] | None, other: tuple[Node, Moment], delay: float
+) -> None:
     """Add a pair of points; one whose first is past holds nothing, or for its delay from now."""
     if not delay and is_past(one):
         return
@@ -81,7 +102,11 @@ def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, A
 
 def bequeath(world: World, killed: Node) -> None:
     """Whoever waits for a killed task waits for what that one waited for."""
-    for pair in [pair for pair in world.pairs if pair.before and pair.before[0] is killed and not is_past(pair.before)]:
+    for pair in [
+        pair
+        for pair in world.pairs
+        if pair.before and pair.before[0] is killed and not is_past(pair.before)
+    ]:
         assert pair.before
         _inherit(world, pair.before, pair.after)
 
@@ -102,7 +127,9 @@ def _is_void(world: World, pair: Pair) -> bool:
 
 
 def held_points(world: World) -> set[tuple[int, Moment]]:
-    """All points that some pair holds back. What will never hold again, nor be inherited, is dropped."""
+    """All points that some pair holds back. What will never hold again, nor be inherited, is
+    dropped.
+    """
     held, kept = set(), []
     for pair in world.pairs:
         if is_past(pair.before) and pair.due is None:
@@ -117,7 +144,7 @@ def held_points(world: World) -> set[tuple[int, Moment]]:
     return held
 
 
-# --- birth, end ------------------------------------------------------------------------------------------------------
+# --- birth, end -----------------------------------------------------------------------------------
 
 
 def add(world: World, node: Node, parent: Node) -> None:
@@ -132,15 +159,25 @@ def add(world: World, node: Node, parent: Node) -> None:
 
 
 def make(
-    world: World, message: str, role: Role, parent: Node, about: Job, tap: int = 0, *,
+    world: World,
+    message: str,
+    role: Role,
+    parent: Node,
+    about: Job,
+    tap: int = 0,
+    *,
     prepare: Callable[[Node], None] = lambda _: None,
-) -> Node:  # fmt: skip
+) -> Node:
     """A task that central makes itself, for another message: it waits for nothing above it."""
     task = world.seen.take_made(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
-    node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
+    node.sent_for_listener = parent.role is Role.LISTENER and role in (
+        Role.SET_UP,
+        Role.ACTION,
+        Role.CANCEL,
+    )
     prepare(node)
     add(world, node, parent)
     return node
@@ -161,7 +198,9 @@ def _end(world: World, node: Node) -> None:
     key = family(node)
     if world.last.get(key) is node:
         del world.last[key]
-        older = [other for other in world.nodes.values() if other.is_eligible and family(other) == key]
+        older = [
+            other for other in world.nodes.values() if other.is_eligible and family(other) == key
+        ]
         if node.killed and older:
             world.last[key] = older[-1]
     world.alarms = [alarm for alarm in world.alarms if alarm.node is not node]
@@ -174,8 +213,8 @@ def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
 
 
 def let_time_pass(world: World, settle: Callable[[], None]) -> None:
-    """All that is due by now happens, in its order, each settled before the next; of those due at the same time, the one
-    set first is first. Of those set in one event, any may be.
+    """All that is due by now happens, in its order, each settled before the next; of those due at
+    the same time, the one set first is first. Of those set in one event, any may be.
     """
     while (due := _next_due(world)) <= world.time:
         world.due_by = due
@@ -186,7 +225,11 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
                 oracle_failures.kill_scope(world, alarm.ending)
             elif alarm.watch is not None:
                 oracle_monitors.rings(world, alarm)
-            elif alarm.moment is not None and not alarm.node.killed and alarm.moment not in alarm.node.past:
+            elif (
+                alarm.moment is not None
+                and not alarm.node.killed
+                and alarm.moment not in alarm.node.past
+            ):
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
         oracle_locks.time_out(world)
         settle()
@@ -200,7 +243,7 @@ def _next_due(world: World) -> float:
     return min([alarm.due for alarm in world.alarms] + pairs + waits, default=float("inf"))
 
 
-# --- the fixpoint ----------------------------------------------------------------------------------------------------
+# --- the fixpoint ---------------------------------------------------------------------------------
 
 
 def settle(world: World) -> None:
@@ -227,7 +270,9 @@ def _pass(world: World) -> bool:
     return moved
 
 
-def _may_reach(node: Node, moment: Moment, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+def _may_reach(
+    node: Node, moment: Moment, held: set[tuple[int, Moment]], children: list[Node]
+) -> bool:
     """Whether nothing but the order within the task keeps a moment back."""
     assert node.parent is not None
     if not node.killed and (node.id, moment) in held:
@@ -246,11 +291,15 @@ def is_checked(node: Node) -> bool:
     return any(EH not in check.past for check in node.checks)
 
 
-def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+def _is_ready(
+    world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]
+) -> bool:
     if not node.wanted or node.killed or node.suspended:
         return False
     if node.again and (
-        node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)
+        node.slot
+        or node.asking & set(world.nodes.values())
+        or not all(child.is_guest for child in children)
     ):
         return False
     if is_checked(node):
@@ -259,9 +308,11 @@ def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children:
     return all(_may_reach(node, moment, held, children) for moment in firsts)
 
 
-def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Let a task wait for a slot, or no longer. Whatever is to be sent before it is handled is sent as long as it waits;
-    that does not cost it its place.
+def _consider_start(
+    world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]
+) -> bool:
+    """Let a task wait for a slot, or no longer. Whatever is to be sent before it is handled is sent
+    as long as it waits; that does not cost it its place.
     """
     is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
@@ -298,22 +349,28 @@ def started(world: World, node: Node) -> None:
 
 
 def fire_before_end(world: World, node: Node) -> None:
-    """Send what comes before the end of a monitor that is over as it begins: before what comes with its start."""
+    """Send what comes before the end of a monitor that is over as it begins: before what comes with
+    its start.
+    """
     held = held_points(world)
     if not ({(node.id, EH), (node.id, EA)} & held or world.children(node)):
         oracle_taps.fire_before(world, node, {EA})
 
 
 def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Let a task reach all moments that it may at once: what comes before one of them is sent first, and what its end
-    leaves open is known before anything above it moves.
+    """Let a task reach all moments that it may at once: what comes before one of them is sent
+    first, and what its end leaves open is known before anything above it moves.
     """
     if node.killed and not node.slot and STARTS - node.past:
         reach(world, node, STARTS - node.past)
         return True
     before, is_tapped = node.past, False
     for moment, befores in ORDER[node.is_goal].items():
-        if moment in node.past or not befores <= node.past or not _may_reach(node, moment, held, children):
+        if (
+            moment in node.past
+            or not befores <= node.past
+            or not _may_reach(node, moment, held, children)
+        ):
             continue
         if is_tapped := oracle_taps.fire_before(world, node, {moment}):
             break

@@ -1,5 +1,6 @@
-"""The rules of resources: a slot handles one message at a time; of those that wait, the one of highest priority is
-next, then the one that has waited longest. Those who want to lock or reserve a resource wait in the same line.
+"""The rules of resources: a slot handles one message at a time; of those that wait, the one of
+highest priority is next, then the one that has waited longest. Those who want to lock or reserve a
+resource wait in the same line.
 """
 
 from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
@@ -10,7 +11,9 @@ from tca_wire.vocabulary import Condition, MessageClass
 
 Resource = tuple[str, str]
 Choices = dict[Job | Claim, dict[str, bool]]
-"""Who is next: the slots that he may be given to, and whether that is beyond their capacity. A claim is given to none."""
+"""Who is next: the slots that he may be given to, and whether that is beyond their capacity. A
+claim is given to none.
+"""
 
 
 def targets(world: World, job: Job) -> list[Resource]:
@@ -20,7 +23,9 @@ def targets(world: World, job: Job) -> list[Resource]:
     handlers = world.handlers.get(job.message, [])
     newest = handlers[-1:]
     return [
-        (one.module, one.resource) for one in handlers if one in newest or (one.pool and one.pool == newest[0].pool)
+        (one.module, one.resource)
+        for one in handlers
+        if one in newest or (one.pool and one.pool == newest[0].pool)
     ]
 
 
@@ -35,8 +40,9 @@ def free_slots(world: World) -> dict[Resource, set[str]]:
 
 
 def give(world: World) -> bool:
-    """Give slots to those who are next, as central did; whether there was anyone. What became startable now is started
-    together: only then follows what follows from that. What waited in a queue is given one after the other.
+    """Give slots to those who are next, as central did; whether there was anyone. What became
+    startable now is started together: only then follows what follows from that. What waited in a
+    queue is given one after the other.
     """
     choices = _choices(world)
     if not choices:
@@ -47,7 +53,9 @@ def give(world: World) -> bool:
         what = world.seen.given[0] if world.seen.given else "nothing"
         raise Disagreement(f"central gives {what} where these are next: {said}")
     while given is not None and _is_new(world, given):
-        given = _give_next(world, {one: slots for one, slots in _choices(world).items() if _is_new(world, one)})
+        given = _give_next(
+            world, {one: slots for one, slots in _choices(world).items() if _is_new(world, one)}
+        )
     return True
 
 
@@ -56,8 +64,15 @@ def _is_new(world: World, one: Job | Claim) -> bool:
 
 
 def give_messages(world: World) -> None:
-    """Messages that are no tasks may be given away as they are sent, before anything else follows."""
-    while _give_next(world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}) is not None:
+    """Messages that are no tasks may be given away as they are sent, before anything else
+    follows.
+    """
+    while (
+        _give_next(
+            world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}
+        )
+        is not None
+    ):
         pass
 
 
@@ -80,13 +95,21 @@ def _give_next(world: World, choices: Choices) -> Job | Claim | None:
 
 def _choices(world: World) -> Choices:
     """Who may be delivered next, and to which slots, and who may have a resource for himself."""
-    waiting = [(job, targets(world, job)) for job in world.everything() if job.waiting and not job.kind.is_monitor]
+    waiting = [
+        (job, targets(world, job))
+        for job in world.everything()
+        if job.waiting and not job.kind.is_monitor
+    ]
     free = free_slots(world)
     choices: Choices = {}
     for resource in dict.fromkeys([*free, *(claim.resource for claim in world.claims)]):
         claims = oracle_locks.in_line(world, resource)
         rivals: list[Job | Claim] = [*claims]
-        rivals += [job for job, mine in waiting if resource in mine and oracle_locks.lets_in(world, job, resource)]
+        rivals += [
+            job
+            for job, mine in waiting
+            if resource in mine and oracle_locks.lets_in(world, job, resource)
+        ]
         for one in rivals:
             if any(_is_before(other, one) for other in rivals):
                 continue
@@ -97,11 +120,16 @@ def _choices(world: World) -> Choices:
     return choices | _called_back(world, choices, waiting)
 
 
-def _called_back(world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]) -> Choices:
-    """Who waits for the answer in a slot itself is called back there, where no other slot is free for the question and
-    its resource is not locked. (If slots become free when that lock ends, it may be either.)
+def _called_back(
+    world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
+) -> Choices:
+    """Who waits for the answer in a slot itself is called back there, where no other slot is free
+    for the question and its resource is not locked. (If slots become free when that lock ends, it
+    may be either.)
     """
-    asked = [job for job, mine in waiting if job.kind.has_reply and world.slots.get(job.sender) in mine]
+    asked = [
+        job for job, mine in waiting if job.kind.has_reply and world.slots.get(job.sender) in mine
+    ]
     return {
         job: {job.sender: True} | choices.get(job, {})
         for job in asked
@@ -111,8 +139,9 @@ def _called_back(world: World, choices: Choices, waiting: list[tuple[Job, list[R
 
 
 def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
-    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait in the course of one
-    event may come in any order, but for tasks that could start at once, and claims.
+    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait
+    in the course of one event may come in any order, but for tasks that could start at once, and
+    claims.
     """
     assert one.arrival is not None
     assert other.arrival is not None
@@ -177,7 +206,7 @@ def copies(world: World, job: Job) -> list[Job]:
     return made
 
 
-# --- answers ---------------------------------------------------------------------------------------------------------
+# --- answers --------------------------------------------------------------------------------------
 
 
 def answered(world: World, job: Job, *, done: bool) -> None:
@@ -199,14 +228,20 @@ def give_up(world: World, sender: str, number: int) -> None:
     """The sender waits no longer: what nobody handles yet is dropped."""
     world.waits.pop((sender, number), None)
     oracle_locks.give_up(world, sender, number)
-    for collector in [one for one in world.collectors if (one.sender, one.number) == (sender, number)]:
+    for collector in [
+        one for one in world.collectors if (one.sender, one.number) == (sender, number)
+    ]:
         world.collectors.remove(collector)
         world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
-    mine = [job for job in world.jobs if (job.sender, job.number) == (sender, number) and job.kind.has_reply]
+    mine = [
+        job
+        for job in world.jobs
+        if (job.sender, job.number) == (sender, number) and job.kind.has_reply
+    ]
     world.jobs = [job for job in world.jobs if job not in mine or job.slot or job.target]
 
 
-# --- modules come and go ---------------------------------------------------------------------------------------------
+# --- modules come and go --------------------------------------------------------------------------
 
 
 def remove_handler(world: World, message: str, module: str) -> None:
@@ -228,7 +263,9 @@ def is_served(world: World, message: str) -> bool:
 def _has_work(world: World, module: str) -> bool:
     """Whether a module handles anything, or has a slot in which something may be at work."""
     handlers = (one for handlers in world.handlers.values() for one in handlers)
-    return any(one.module == module for one in handlers) or any(place[0] == module for place in world.slots.values())
+    return any(one.module == module for one in handlers) or any(
+        place[0] == module for place in world.slots.values()
+    )
 
 
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
@@ -243,7 +280,9 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
-    if is_own:  # what its slots have at work ends first: what waits is spared until a module is gone
+    if (
+        is_own
+    ):  # what its slots have at work ends first: what waits is spared until a module is gone
         world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:

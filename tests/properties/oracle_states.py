@@ -1,7 +1,8 @@
-"""The states of tasks, found again from the tables and the rules of docs/decisions/0082, slowly: a list of all changes of
-each task, that an observer must have been told of in just that order.
+"""The states of tasks, found again from the tables and the rules of docs/decisions/0082, slowly: a
+list of all changes of each task, that an observer must have been told of in just that order.
 
-It takes central's word for what others test: which handler has a task, when it is delivered, killed, retried and ends.
+It takes central's word for what others test: which handler has a task, when it is delivered,
+killed, retried and ends.
 """
 
 from collections.abc import Iterable
@@ -27,7 +28,9 @@ class Followed:
         self.cycle, self.goal = cycle, goal
         self.state, self.serial = cycle.initial, 0
         self.changes: list[Seen] = [("initiated", cycle.initial, 0)]
-        self.open: list[tuple[Transition, int, bytes]] = []  #: what clients want, and the handler was told, by number
+        self.open: list[
+            tuple[Transition, int, bytes]
+        ] = []  #: what clients want, and the handler was told, by number
         self.newest_of_client = 0
         self.delivery = 0
         self.deciding = 0  #: the exception handler that deals with the failure of its handler
@@ -50,7 +53,14 @@ class Followed:
         return any(one.source == state and one.effect in answers for one in self.cycle.transitions)
 
     def name_of(self, state: str, effect: Effect) -> str:
-        return next((one.name for one in self.cycle.transitions if (one.source, one.effect) == (state, effect)), "")
+        return next(
+            (
+                one.name
+                for one in self.cycle.transitions
+                if (one.source, one.effect) == (state, effect)
+            ),
+            "",
+        )
 
 
 WITH_DATA = {Party.CLIENT: (Effect.NEW_GOAL,), Party.SERVER: (Effect.RESULT, Effect.TAKE_GOAL)}
@@ -61,11 +71,13 @@ class Reference:
 
     def __init__(self) -> None:
         self.tasks: dict[int, Followed] = {}
-        self.accepts: set[tuple[str, str]] = set()  #: module and message of handlers that accept themselves
+        self.accepts: set[tuple[str, str]] = (
+            set()
+        )  #: module and message of handlers that accept themselves
         self.names: dict[int, str] = {}
         self.killed_by_wish: set[int] = set()
 
-    # --- requests ----------------------------------------------------------------------------------------------------
+    # --- requests ---------------------------------------------------------------------------------
 
     def ask(self, asked: Asked) -> None:
         """A request, and whether it was answered as it must be."""
@@ -103,7 +115,11 @@ class Reference:
             if asked.by is Party.CLIENT:
                 return None if -1 < asked.serial < task.serial else Refusal.TOO_LATE
             return None if -1 < asked.serial < task.newest_of_client else Refusal.PROTOCOL
-        if asked.by is Party.SERVER and task.cycle.is_over(row.target) and row.effect is not Effect.STOP:
+        if (
+            asked.by is Party.SERVER
+            and task.cycle.is_over(row.target)
+            and row.effect is not Effect.STOP
+        ):
             return Refusal.PROTOCOL  # a handler returns, or fails
         if asked.body and row.effect not in WITH_DATA[asked.by]:
             return Refusal.PROTOCOL
@@ -113,8 +129,9 @@ class Reference:
         return None
 
     def chosen(self, task: Followed, asked: Asked) -> tuple[Transition | None, bool]:
-        """The transition that is meant, and whether it comes before what the server has not seen of clients' wishes: out
-        of the state before those, if it is possible there, and no result that can be told now.
+        """The transition that is meant, and whether it comes before what the server has not seen of
+        clients' wishes: out of the state before those, if it is possible there, and no result that
+        can be told now.
         """
         now, unseen = task.row(task.state, asked.name, asked.by), self.unseen(task, asked)
         before = task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
@@ -140,9 +157,14 @@ class Reference:
         refusing = asked.refuses if asked.takes is not None else asked.refuses_next
         may_refuse = asked.takes is not None or row.source != task.cycle.initial
         refusal = task.name_of(task.state, Effect.REFUSE)
-        is_retried = any(isinstance(one, facts.Retried) and one.task == asked.task for one in asked.facts)
+        is_retried = any(
+            isinstance(one, facts.Retried) and one.task == asked.task for one in asked.facts
+        )
         task.open = []
-        if refusal and ((row.name in refusing and may_refuse) or (row.effect is Effect.NEW_GOAL and not is_retried)):
+        if refusal and (
+            (row.name in refusing and may_refuse)
+            or (row.effect is Effect.NEW_GOAL and not is_retried)
+        ):
             task.take(refusal, "running")
         elif row.effect is Effect.NEW_GOAL:
             task.goal = asked.body
@@ -157,13 +179,19 @@ class Reference:
         if row.effect is Effect.RESULT:
             task.take(row.name, row.target)
             seen = asked.serial if asked.serial >= 0 else task.serial
-            task.open = [one for one in task.open if one[1] > seen or task.leads_to_an_answer(one[0].target)]
+            task.open = [
+                one for one in task.open if one[1] > seen or task.leads_to_an_answer(one[0].target)
+            ]
         elif row.effect is Effect.STOP:
             self.killed_by_wish.add(asked.task)
             task.open = []
             return
         else:
-            goals = [body for one, number, body in task.open if body and (one, number, body) not in unseen]
+            goals = [
+                body
+                for one, number, body in task.open
+                if body and (one, number, body) not in unseen
+            ]
             if row.effect is Effect.TAKE_GOAL and (goal := asked.body or b"".join(goals[-1:])):
                 task.goal = goal  # the server may have made another one of what clients want
             task.open = []
@@ -172,9 +200,11 @@ class Reference:
             again = task.row(task.state, one.name, Party.CLIENT)
             if again is not None:
                 task.take(again.name, again.target)
-                task.open = [kept for kept in task.open if kept[1] != number] + [(again, number, body)]
+                task.open = [kept for kept in task.open if kept[1] != number] + [
+                    (again, number, body)
+                ]
 
-    # --- what other facts imply --------------------------------------------------------------------------------------
+    # --- what other facts imply -------------------------------------------------------------------
 
     def note(self, recorded: Iterable[Any]) -> None:
         """What central recorded with an event."""
@@ -182,16 +212,25 @@ class Reference:
         for fact in recorded:
             match fact:
                 case facts.Returned():
-                    returned |= {number for number, task in self.tasks.items() if task.delivery == fact.id}
-                case facts.Caught() | facts.Recovered() | facts.Unhandled() if fact.task in self.tasks:
+                    returned |= {
+                        number for number, task in self.tasks.items() if task.delivery == fact.id
+                    }
+                case facts.Caught() | facts.Recovered() | facts.Unhandled() if (
+                    fact.task in self.tasks
+                ):
                     self.searched(self.tasks[fact.task], fact, returned)
                 case facts.StateChanged() if fact.by is Party.CENTRAL and fact.task in returned:
                     self.decided_instead(self.tasks[fact.task], fact)
                 case facts.HandlerAdded() if fact.accepts:
                     self.accepts.add((fact.module, fact.message))
-                case facts.Received() if fact.message_class.is_task and not fact.message_class.is_monitor:
+                case facts.Received() if (
+                    fact.message_class.is_task and not fact.message_class.is_monitor
+                ):
                     cycle = LIFE_CYCLES.get(fact.message, GENERAL)
-                    self.tasks[fact.id], self.names[fact.id] = Followed(cycle, fact.body), fact.message
+                    self.tasks[fact.id], self.names[fact.id] = (
+                        Followed(cycle, fact.body),
+                        fact.message,
+                    )
                 case facts.Queued() | facts.Delivered() if fact.message_id in self.tasks:
                     self.given(fact)
                 case facts.Unqueued():
@@ -211,8 +250,8 @@ class Reference:
         assert not killed, f"{killed} were to be killed: nobody decides for them"
 
     def given(self, fact: facts.Queued | facts.Delivered) -> None:
-        """A task goes to a handler: perhaps another time, with another delivery or, if the last one never heard of it,
-        the same.
+        """A task goes to a handler: perhaps another time, with another delivery or, if the last one
+        never heard of it, the same.
         """
         task = self.tasks[fact.message_id]
         if task.delivery and (fact.id != task.delivery or task.is_given):
@@ -239,11 +278,17 @@ class Reference:
             task.take("restarted", task.cycle.initial)
 
     @staticmethod
-    def searched(task: Followed, fact: facts.Caught | facts.Recovered | facts.Unhandled, returned: set[int]) -> None:
-        """A search for an exception handler goes on, or ends: of a failure beside its handler a task does not return."""
+    def searched(
+        task: Followed, fact: facts.Caught | facts.Recovered | facts.Unhandled, returned: set[int]
+    ) -> None:
+        """A search for an exception handler goes on, or ends: of a failure beside its handler a
+        task does not return.
+        """
         if isinstance(fact, facts.Caught):
             task.deciding = task.deciding if fact.is_beside else fact.handler
-        elif task.has_failed and (isinstance(fact, facts.Unhandled) or fact.handler == task.deciding):
+        elif task.has_failed and (
+            isinstance(fact, facts.Unhandled) or fact.handler == task.deciding
+        ):
             task.has_failed = False
             returned.add(fact.task)
 

@@ -2,7 +2,20 @@
 
 from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
-from properties.oracle_records import EA, EH, EP, SA, SH, SP, Disagreement, Job, Node, Pair, Tap, World
+from properties.oracle_records import (
+    EA,
+    EH,
+    EP,
+    SA,
+    SH,
+    SP,
+    Disagreement,
+    Job,
+    Node,
+    Pair,
+    Tap,
+    World,
+)
 
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -17,8 +30,9 @@ BEFORE = {
     Condition.WHEN_PLANNED: (EP, None),
     Condition.WHEN_ACHIEVED: (EA, None),
 }
-"""The moment that a task does not pass before the listener is sent, and which end of the listener's it waits for. Of
-*when* listeners it waits as a parent does for its children."""
+"""The moment that a task does not pass before the listener is sent, and which end of the listener's
+it waits for. Of *when* listeners it waits as a parent does for its children.
+"""
 
 AT = {
     SP: Condition.WHILE_PLANNING,
@@ -26,13 +40,17 @@ AT = {
     SA: Condition.WHILE_ACHIEVING,
     EA: Condition.AFTER_ACHIEVED,
 }
-"""What a task reaches, and what of that may be tapped. (Handling is what happens to a message: it is delivered and returns.)"""
+"""What a task reaches, and what of that may be tapped. (Handling is what happens to a message: it
+is delivered and returns.)
+"""
 
 CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
 """Their listeners hang under the tapped task."""
 
 WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
-"""Their listeners die with the tapped task; a monitor without an end of its own watches until this moment of it."""
+"""Their listeners die with the tapped task; a monitor without an end of its own watches until this
+moment of it.
+"""
 
 ALIVE = {*WHILE, Condition.WHEN_SENT}
 """Polling and demon monitors that listen so hang under the tapped task, too, but do not hold it."""
@@ -53,12 +71,16 @@ def taps_in_force(world: World) -> list[Tap]:
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
     """Whether there was something to be sent before a task passes these moments."""
     node.fired -= {
-        tap.id for tap in taps_of(world, node) if tap.id in node.unheard and world.handlers.get(tap.listener)
+        tap.id
+        for tap in taps_of(world, node)
+        if tap.id in node.unheard and world.handlers.get(tap.listener)
     }
     new = [
         tap
         for tap in taps_of(world, node)
-        if tap.condition in BEFORE and BEFORE[tap.condition][0] in moments and tap.id not in node.fired
+        if tap.condition in BEFORE
+        and BEFORE[tap.condition][0] in moments
+        and tap.id not in node.fired
     ]
     if node.killed:
         return False
@@ -73,7 +95,12 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
         moment = node.first if before == SH else before
         if isinstance(listener, Node) and before == SH and SH in node.past:
             node.checks.append(listener)
-        elif isinstance(listener, Node) and interval and moment not in node.past and interval not in listener.past:
+        elif (
+            isinstance(listener, Node)
+            and interval
+            and moment not in node.past
+            and interval not in listener.past
+        ):
             world.pairs.append(Pair((listener, interval), (node, moment)))
     return bool(new)
 
@@ -88,8 +115,14 @@ def fire_again(world: World, node: Node) -> None:
 
 
 def to_come(world: World, node: Node) -> set[int]:
-    """The taps that are fired anew when a task is retried: before it is handled, and before what it has not reached."""
-    firsts = [(tap.id, BEFORE[tap.condition][0]) for tap in taps_of(world, node) if tap.condition in BEFORE]
+    """The taps that are fired anew when a task is retried: before it is handled, and before what it
+    has not reached.
+    """
+    firsts = [
+        (tap.id, BEFORE[tap.condition][0])
+        for tap in taps_of(world, node)
+        if tap.condition in BEFORE
+    ]
     return {tap for tap, first in firsts if first == SH or first not in node.past}
 
 
@@ -126,11 +159,16 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     tap.has_fired = True
     if not kind.is_task:
         made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
-        heard = Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap)
+        heard = Job(
+            made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap
+        )
         oracle_slots.send_statement(world, heard)
         return None
     is_alive = isinstance(job, Node) and job.id in world.nodes and not _ends_first(world, tap, job)
-    is_beside = kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR) and tap.condition not in CHILDREN
+    is_beside = (
+        kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
+        and tap.condition not in CHILDREN
+    )
     watches_it = is_beside and tap.condition in ALIVE and isinstance(job, Node)
     is_child = is_alive and (tap.condition in CHILDREN or watches_it)
     options = tap.watch or WatchOptions()
@@ -147,17 +185,23 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         if kind.is_monitor:
             oracle_monitors.born(listener, options)
         listener.watches_over = listener.watches_over and is_beside
-        listener.is_guest = is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
+        listener.is_guest = (
+            is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
+        )
 
     parent = job if is_child and isinstance(job, Node) else world.root
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id, prepare=prepare)
+    listener = oracle_rules.make(
+        world, tap.listener, Role.LISTENER, parent, job, tap.id, prepare=prepare
+    )
     if isinstance(job, Node) and tap.condition in WHILE:
         job.listeners.append(listener)
     return listener
 
 
 def _ends_first(world: World, tap: Tap, node: Node) -> bool:
-    """Whether a task passes its end with the points before: then it is over when a wiretap at one of those is fired."""
+    """Whether a task passes its end with the points before: then it is over when a wiretap at one
+    of those is fired.
+    """
     for fact in world.seen.facts:
         if isinstance(fact, facts.TapFired) and (fact.tap, fact.tapped) == (tap.id, node.id):
             return False
@@ -167,12 +211,20 @@ def _ends_first(world: World, tap: Tap, node: Node) -> bool:
 
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
-    """A module taps; the same wiretap is there once, with all who want it, and a later one of its own replaces it."""
+    """A module taps; the same wiretap is there once, with all who want it, and a later one of its
+    own replaces it.
+    """
     if not header.message and header.task not in world.nodes:
         _tap_ended(world, header)
         return
-    taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
-    same = [one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)]
+    taps = (
+        world.taps.setdefault(header.message, [])
+        if header.message
+        else world.nodes[header.task].taps
+    )
+    same = [
+        one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)
+    ]
     mine = next((one for one in same if one.watch == header.watch), None)
     if mine is None:
         added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
@@ -182,7 +234,11 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
     for other in same:
         if other is not mine and module in other.holders:
             let_go(world, other.id, module)
-    if header.at_once and not mine.has_fired and _has_happened(world.nodes[header.task], header.condition):
+    if (
+        header.at_once
+        and not mine.has_fired
+        and _has_happened(world.nodes[header.task], header.condition)
+    ):
         world.news = True
         _fire(world, mine, world.nodes[header.task])
 
@@ -195,13 +251,19 @@ def _has_happened(node: Node, condition: Condition) -> bool:
         return node.killed and condition is Condition.WHEN_KILLED
     if condition is Condition.WHILE_HANDLING:
         return bool(node.slot)
-    moment = {Condition.AFTER_HANDLED: EH, Condition.WHEN_PLANNED: EP, Condition.WHEN_ACHIEVED: EA}.get(condition)
+    moment = {
+        Condition.AFTER_HANDLED: EH,
+        Condition.WHEN_PLANNED: EP,
+        Condition.WHEN_ACHIEVED: EA,
+    }.get(condition)
     moment = moment or next(one for one, at in AT.items() if at is condition)
     return moment in node.past and WHILE.get(condition) not in node.past
 
 
 def _tap_ended(world: World, header: headers.Tap) -> None:
-    """A task that has ended is tapped: its listener is sent now, for what has happened, and never again."""
+    """A task that has ended is tapped: its listener is sent now, for what has happened, and never
+    again.
+    """
     killed, condition = header.task in world.came_to_nothing, header.condition
     is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
     if header.task not in world.ended or not is_so or condition in WHILE:
@@ -235,6 +297,8 @@ def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -
 
 
 def left(world: World, job: Job, *, lost: bool) -> None:
-    """Who handled it has gone: that is a failure of the handler, unless another one will begin with it."""
+    """Who handled it has gone: that is a failure of the handler, unless another one will begin with
+    it.
+    """
     if lost or (job.killed if isinstance(job, Node) else job.target and job.kind.has_reply):
         happened(world, job, after_handler(job.kind, failed=True))

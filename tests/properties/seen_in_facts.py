@@ -1,4 +1,6 @@
-"""What really went on in a run, looked up in its facts one by one: slow, and without a single record of the tools."""
+"""What really went on in a run, looked up in its facts one by one: slow, and without a single
+record of the tools.
+"""
 
 from collections.abc import Iterator
 from math import inf
@@ -64,13 +66,17 @@ class Facts:
             self._end("queue", fact.task, time)
             return
         is_left = isinstance(fact, facts.Failed) and not fact.is_beside
-        if is_left or isinstance(fact, facts.Queued | facts.Unqueued | facts.Returned | facts.Delivered):
+        if is_left or isinstance(
+            fact, facts.Queued | facts.Unqueued | facts.Returned | facts.Delivered
+        ):
             self._end("run", fact.id, time)
             self._end("queue", fact.id, time)
         if isinstance(fact, facts.Queued):
             self._begin("queue", fact.id, fact.message_id, time, (fact.module, fact.resource))
         elif isinstance(fact, facts.Delivered):
-            self._begin("run", fact.id, fact.message_id, time, (fact.module, fact.resource, fact.id))
+            self._begin(
+                "run", fact.id, fact.message_id, time, (fact.module, fact.resource, fact.id)
+            )
 
     def _take_waiting(self, fact: Any, time: float) -> None:
         """Waits of handlers and programs, and locks."""
@@ -78,14 +84,20 @@ class Facts:
             case facts.Received() if fact.blocking and not fact.message_class.is_task:
                 self._waits(fact.id, fact.sender, fact.origin, time)
             case facts.Awaited():
-                sent = next(said for _, said in self.said if isinstance(said, facts.Received) and said.id == fact.id)
+                sent = next(
+                    said
+                    for _, said in self.said
+                    if isinstance(said, facts.Received) and said.id == fact.id
+                )
                 self._waits(fact.id, sent.sender, sent.origin, time)
             case facts.Dropped() | facts.Answered():
                 for copy in self._queued_copies(fact.id):
                     self._end("queue", copy, time)
                 self._end("wait", fact.id, time)
             case facts.WaitBegan():
-                self._begin("wait", (fact.module, fact.origin, fact.task), (fact.module, fact.origin), time)
+                self._begin(
+                    "wait", (fact.module, fact.origin, fact.task), (fact.module, fact.origin), time
+                )
             case facts.WaitEnded():
                 self._end("wait", (fact.module, fact.origin, fact.task), time)
             case facts.Claimed():
@@ -101,7 +113,9 @@ class Facts:
     def _queued_copies(self, message: int) -> list[int]:
         """Of what went to many, those that stand in queues."""
         return [
-            key for (what, key), found in self._open.items() if what == "queue" and found and found[-1][0] == message
+            key
+            for (what, key), found in self._open.items()
+            if what == "queue" and found and found[-1][0] == message
         ]
 
     def _take_life(self, fact: Any, time: float) -> None:
@@ -126,7 +140,7 @@ class Facts:
         if not self._open.get(("wait", awaited)):
             self._begin("wait", awaited, (module, origin), time)
 
-    # --- questions -------------------------------------------------------------------------------------------------
+    # --- questions --------------------------------------------------------------------------------
 
     def bears_out(self, step: PathStep) -> bool:
         """Whether a step of a path says what really went on, all the time."""
@@ -146,14 +160,27 @@ class Facts:
         return any(one.covers(step) for one in self.of("member", step.module)) and not any(waits)
 
     def _delay(self, step: PathStep) -> bool:
-        over = [fact for time, fact in self.said if isinstance(fact, facts.TimedOut) and time == step.end]
+        over = [
+            fact
+            for time, fact in self.said
+            if isinstance(fact, facts.TimedOut) and time == step.end
+        ]
         is_over = any(fact.constraint.after.task == step.message_id for fact in over)
         return is_over or step.end == self.said[-1][0] or self._is_cut_off(step)
 
     def _is_cut_off(self, step: PathStep) -> bool:
         """Whether a delay would have lasted longer than the step."""
-        told = ((time, fact) for time, fact in self.said if isinstance(fact, facts.Received | facts.Constrained))
-        of_it = ((time, one) for time, fact in told for one in fact.constraints if one.after.task == step.message_id)
+        told = (
+            (time, fact)
+            for time, fact in self.said
+            if isinstance(fact, facts.Received | facts.Constrained)
+        )
+        of_it = (
+            (time, one)
+            for time, fact in told
+            for one in fact.constraints
+            if one.after.task == step.message_id
+        )
         return any(
             self._begun(one.before, time)
             <= step.start
@@ -167,22 +194,32 @@ class Facts:
         reached = (
             time
             for time, fact in self.said
-            if isinstance(fact, facts.Reached) and fact.task == point.task and fact.moments & point.moment
+            if isinstance(fact, facts.Reached)
+            and fact.task == point.task
+            and fact.moments & point.moment
         )
         return next(reached, said if point.task == ROOT else inf)
 
     def _no_handler(self, step: PathStep) -> bool:
-        return any(one.covers(step) and not one.about[0] for one in self.of("queue", step.message_id))
+        return any(
+            one.covers(step) and not one.about[0] for one in self.of("queue", step.message_id)
+        )
 
     def _queued(self, step: PathStep) -> bool:
         where = step.module, step.resource
-        return any(one.covers(step) and one.about == where for one in self.of("queue", step.message_id))
+        return any(
+            one.covers(step) and one.about == where for one in self.of("queue", step.message_id)
+        )
 
     def _locked(self, step: PathStep) -> bool:
         """Somebody had a lock; or one was wanted, and not granted."""
-        had = any(one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock"))
+        had = any(
+            one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock")
+        )
         where = step.module, step.resource
-        return had or any(one.covers(step) and self._claims[one.who][0] == where for one in self.of("claim"))
+        return had or any(
+            one.covers(step) and self._claims[one.who][0] == where for one in self.of("claim")
+        )
 
     def _suspended(self, step: PathStep) -> bool:
         stood = any(one.covers(step) for one in self.of("suspension", step.message_id))
@@ -194,7 +231,9 @@ class Facts:
         return self._unknown(step)
 
     def _held(self, step: PathStep) -> bool:
-        return self._lives(step) and not any(one.meets(step) for one in self.of("run", step.message_id))
+        return self._lives(step) and not any(
+            one.meets(step) for one in self.of("run", step.message_id)
+        )
 
     def _circle(self, step: PathStep) -> bool:
         return self._lives(step) and not any(self.at_work_under(step))
@@ -203,8 +242,8 @@ class Facts:
         return self._lives(step)
 
     def _unknown(self, step: PathStep) -> bool:
-        """Of what was over nothing is unknown; nobody was at work for it who would have been the reason, and it stood in
-        no queue.
+        """Of what was over nothing is unknown; nobody was at work for it who would have been the
+        reason, and it stood in no queue.
         """
         stood = any(one.covers(step) for one in self.of("queue", step.message_id))
         return self._lives(step) and not stood and not any(self.at_work_under(step))
@@ -216,7 +255,11 @@ class Facts:
         """A task, and all that is under it."""
         found = {task}
         for _, fact in self.said:
-            if isinstance(fact, facts.Received) and fact.parent in found and fact.message_class.is_task:
+            if (
+                isinstance(fact, facts.Received)
+                and fact.parent in found
+                and fact.message_class.is_task
+            ):
                 found.add(fact.id)
         return found
 
@@ -227,12 +270,16 @@ class Facts:
         return (run for run in runs if not any(self._own_waits(run, step)))
 
     def is_own_will(self, time: float) -> bool:
-        """Whether somebody did something at a time of whom nothing is known that he did before had to be over."""
+        """Whether somebody did something at a time of whom nothing is known that he did before had
+        to be over.
+        """
         for when, fact in self.said:
             if when != time or not isinstance(fact, facts.Received | facts.Claimed):
                 continue
             sender, origin = fact.sender, fact.origin
-            waited = any(one.end <= time and one.end > one.start for one in self.of("wait", (sender, 0)))
+            waited = any(
+                one.end <= time and one.end > one.start for one in self.of("wait", (sender, 0))
+            )
             runs = [one for one in self.of("run") if one.about[2] == origin and one.start < time]
             if not runs and not waited:
                 return True

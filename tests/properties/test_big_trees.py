@@ -1,4 +1,6 @@
-"""Everything that steers tasks works on trees of very many tasks, deep or wide: no recursion, nothing left behind."""
+"""Everything that steers tasks works on trees of very many tasks, deep or wide: no recursion,
+nothing left behind.
+"""
 
 import pytest
 from central.player import Player, before, point
@@ -18,16 +20,22 @@ START = Moment.START_ACHIEVING
 
 @pytest.mark.parametrize("size", [8_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
-def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bool, size: int) -> None:
+def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(
+    deep: bool, size: int
+) -> None:
     bench = Steered()
     bottom = bench.grow(size, deep=deep)
     bench.steady(bottom, 10)
     bench.operations(bottom)
-    assert len(bench.central.tree.tasks) == 2  # the top-level task, and under it what leaves things safe
+    assert (
+        len(bench.central.tree.tasks) == 2
+    )  # the top-level task, and under it what leaves things safe
     assert not bench.central.dispatcher.to_offer
 
 
-def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     bench, looked = Steered(), list[int]()
     bench.grow(2_000, deep=True)
     monkeypatch.setattr(Task, "above", lambda task, _: looked.append(task.id))
@@ -38,13 +46,18 @@ def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(monkeypatch
 
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
 def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
-    """What comes after it still waits for the step that runs; of those between nobody has to know any more."""
+    """What comes after it still waits for the step that runs; of those between nobody has to know
+    any more.
+    """
     player = Player.of("planner: goal walk", "legs: command move", "user", check=False)
     walk = player.task("user", "walk")
     for _ in range(2_000):
         last = player.task("planner", "move", under=walk)
     follower = player.task(
-        "user", "move", flags=Flags.NONE, constraints=(before(point(last, Moment.END_ACHIEVING), point(-1, START)),)
+        "user",
+        "move",
+        flags=Flags.NONE,
+        constraints=(before(point(last, Moment.END_ACHIEVING), point(-1, START)),),
     )
     mark = len(player.entries)
     player.request("user", Kill, TaskId(walk), scope=scope)

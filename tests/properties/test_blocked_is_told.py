@@ -1,4 +1,6 @@
-"""In random lives of handlers that block: the journal says of every wait that goes on, and of no other."""
+"""In random lives of handlers that block: the journal says of every wait that goes on, and of no
+other.
+"""
 
 from central.player import point
 from hypothesis import given, settings
@@ -18,11 +20,32 @@ from tca_wire.points import Moment
 numbers = st.integers(0, 50)
 steps = st.lists(
     st.tuples(
-        st.sampled_from(["send", "ask", "ask all", "ask and go on", "fetch", "fetch", "wait", "lock", "follow", "be there", "give up", "return",
-                         "return", "kill", "suspend", "lose"]),
-        numbers, numbers, numbers,
-    ), max_size=40,
-)  # fmt: skip
+        st.sampled_from(
+            [
+                "send",
+                "ask",
+                "ask all",
+                "ask and go on",
+                "fetch",
+                "fetch",
+                "wait",
+                "lock",
+                "follow",
+                "be there",
+                "give up",
+                "return",
+                "return",
+                "kill",
+                "suspend",
+                "lose",
+            ]
+        ),
+        numbers,
+        numbers,
+        numbers,
+    ),
+    max_size=40,
+)
 
 
 class Told(Folding, Blocking):
@@ -59,14 +82,20 @@ class Told(Folding, Blocking):
         if what.startswith("ask"):
             self.ask(name, origin, what, b, brief=brief)
         elif what == "fetch":
-            if went_on := [number for number, due in slot.outstanding.items() if isinstance(due, Delivery | Collector)]:
+            if went_on := [
+                number
+                for number, due in slot.outstanding.items()
+                if isinstance(due, Delivery | Collector)
+            ]:
                 self.receive(name, headers.Await(went_on[b % len(went_on)]))
         elif what == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
                 self.request(name, headers.AwaitPoint, place, origin, blocking=True, brief=brief)
         elif what == "lock":
-            self.request(name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
+            self.request(
+                name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief
+            )
         elif what == "be there":
             self.request(name, headers.WaitUntilHandled, ["missing"], origin=origin)
         elif what in ("give up", "lose"):
@@ -89,15 +118,24 @@ class Told(Folding, Blocking):
         connections = self.central.registry.connections.values()
         if what == "give up":
             for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
-                name, (number, wait) = one.id.decode(), next(iter((*one.pauses.items(), *one.waits.items())))
-                self.receive(name, headers.GiveUp(number, self.number(name) if c % 2 else 0, wait.origin))
+                name, (number, wait) = (
+                    one.id.decode(),
+                    next(iter((*one.pauses.items(), *one.waits.items()))),
+                )
+                self.receive(
+                    name, headers.GiveUp(number, self.number(name) if c % 2 else 0, wait.origin)
+                )
         elif c % 4 == 0:
             for one in [one for one in connections if one.resource][b:][:1]:
                 self.lose(one.id.decode())
 
     def free(self) -> list[Delivery]:
         newest = {delivery.slot: delivery for delivery in self.central.dispatcher.running.values()}
-        return [one for slot, one in newest.items() if slot and not waits_in(slot, one) and not slot.pauses]
+        return [
+            one
+            for slot, one in newest.items()
+            if slot and not waits_in(slot, one) and not slot.pauses
+        ]
 
 
 def awaited(slot: Connection, number: int) -> int:

@@ -1,5 +1,6 @@
-"""No cause comes later than its effect: nobody is told of a failure after he gave up or ended, and nothing fails of what
-failed later; in stories, in chains of failures, and in what is said to have become of failures.
+"""No cause comes later than its effect: nobody is told of a failure after he gave up or ended, and
+nothing fails of what failed later; in stories, in chains of failures, and in what is said to have
+become of failures.
 """
 
 import re
@@ -35,7 +36,9 @@ class Answers:
         self.failed = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Failed)}
 
     def is_told(self, query: Message, time: float) -> bool:
-        """Whether an answer, or the failure of its monitor, came of its failure, while whoever asked still ran."""
+        """Whether an answer, or the failure of its monitor, came of its failure, while whoever
+        asked still ran.
+        """
         if query.role is Role.CONDITION:
             return (time, query.about) in self.failed
         return (time, query.id) in self.answered and not _has_ended(query, time)
@@ -50,7 +53,9 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
     answers = Answers(run, entries)
     for message in run.messages.values():
         for one in story(run, message.id):
-            _assert_known(run, one.text, run.time if one.is_open else one.time + (one.seconds or 0.0))
+            _assert_known(
+                run, one.text, run.time if one.is_open else one.time + (one.seconds or 0.0)
+            )
         if isinstance(message, Task):
             for moment in (inf, *run.times[:: max(len(run.times) // 5, 1)]):
                 chain = failure_chain(run, TaskId(message.id), moment)
@@ -60,7 +65,9 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
         elif message.message_class is MessageClass.QUERY:
             for time, failure in message.became("failure"):
                 if failure:
-                    assert is_told(run, message, time) == answers.is_told(message, time), f"{message} at {time}"
+                    assert is_told(run, message, time) == answers.is_told(message, time), (
+                        f"{message} at {time}"
+                    )
                     _assert_told(run, message, time)
     for handling in run.handlings:
         if handling.outcome is Outcome.FAILED and handling.end is not None:
@@ -72,7 +79,9 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
 
 def _assert_known(run: Run, text: str, moment: float) -> None:
     """A text names nothing that was not there yet."""
-    named = [run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages]
+    named = [
+        run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages
+    ]
     assert all(one.received <= moment for one in named), f"at {moment}: {text}"
 
 

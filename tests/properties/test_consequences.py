@@ -1,8 +1,9 @@
-"""What the tools name as the end of a wait is what it waits for: in random lives that is done, and nothing else, or
-everything else, and central shows what comes of it.
+"""What the tools name as the end of a wait is what it waits for: in random lives that is done, and
+nothing else, or everything else, and central shows what comes of it.
 
-1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What waits, waits on.
-2. *All that is named* is done, and again what is named then: what waits gets there, without anything else.
+1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What
+waits, waits on. 2. *All that is named* is done, and again what is named then: what waits gets
+there, without anything else.
 """
 
 from collections.abc import Iterator
@@ -33,15 +34,43 @@ from tca_wire.waits.ends import MOST
 numbers = st.integers(0, 50)
 steps = st.lists(
     st.tuples(
-        st.sampled_from(["send"] * 6 + ["plan ahead", "ask", "ask", "ask all", "wait", "lock", "lock", "give up", "return", "return",
-                         "return", "kill", "suspend", "lose", "constrain", "fail", "retry"]),
-        numbers, numbers, numbers,
-    ), max_size=30,
-)  # fmt: skip
+        st.sampled_from(
+            ["send"] * 6
+            + [
+                "plan ahead",
+                "ask",
+                "ask",
+                "ask all",
+                "wait",
+                "lock",
+                "lock",
+                "give up",
+                "return",
+                "return",
+                "return",
+                "kill",
+                "suspend",
+                "lose",
+                "constrain",
+                "fail",
+                "retry",
+            ]
+        ),
+        numbers,
+        numbers,
+        numbers,
+    ),
+    max_size=30,
+)
 LATER, LONG = 1_000.0, 10_000.0
 """A delay, in seconds, and after how long all delays are over."""
-FLAGS = (Flags.NONE, Flags.SEQ_ACH, Flags.SEQ_ACH | Flags.DELAY_PLANNING, Flags.PLAN_FIRST,
-         Flags.SEQ_ACH | Flags.SEQ_PLANNING)  # fmt: skip
+FLAGS = (
+    Flags.NONE,
+    Flags.SEQ_ACH,
+    Flags.SEQ_ACH | Flags.DELAY_PLANNING,
+    Flags.PLAN_FIRST,
+    Flags.SEQ_ACH | Flags.SEQ_PLANNING,
+)
 AWAITED = [*Moment, Moment.START_ACHIEVING, Moment.END_PLANNING]
 HELD = [*Moment, Moment.START_PLANNING, Moment.START_ACHIEVING]
 ROUNDS = 100
@@ -88,7 +117,9 @@ class Life(Blocking):
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
             planned = self.task(who, "walk", under=parent, origin=origin)
             begun = before(point(planned, AWAITED[b % 8]), point(-1, Moment.START_PLANNING))
-            self.send(who, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,))
+            self.send(
+                who, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
+            )
         elif what.startswith("ask"):
             name = "all" if what == "ask all" else self.questions[b % len(self.questions)]
             self.send(who, name, origin=origin, blocking=True)
@@ -115,16 +146,30 @@ class Life(Blocking):
         parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
         constraints = []
         if tasks and c % 2 == 0:
-            one, other = point(tasks[b % len(tasks)].id, AWAITED[a % 8]), point(-1, HELD[c // 2 % 8])
+            one, other = (
+                point(tasks[b % len(tasks)].id, AWAITED[a % 8]),
+                point(-1, HELD[c // 2 % 8]),
+            )
             one, other = (other, one) if a % 7 == 6 else (one, other)
             constraints.append(before(one, other, LATER * (b % 5 == 4)))
         name = self.names[b % len(self.names)]
-        self.send(who, name, under=parent, origin=origin, flags=FLAGS[c % 5], constraints=tuple(constraints))
+        self.send(
+            who,
+            name,
+            under=parent,
+            origin=origin,
+            flags=FLAGS[c % 5],
+            constraints=tuple(constraints),
+        )
 
     def _release(self, b: int) -> None:
-        """Somebody gives up a lock, or waits for something no longer, but for what his own thread is about."""
+        """Somebody gives up a lock, or waits for something no longer, but for what his own thread
+        is about.
+        """
         connections = self.central.registry.connections.values()
-        due = [(one, number) for one in connections for number in one.waits if len(one.handling) < 2]
+        due = [
+            (one, number) for one in connections for number in one.waits if len(one.handling) < 2
+        ]
         due += [(claim.slot, claim.number) for claim in may_be_released(self.central)]
         if due:
             slot, number = due[b % len(due)]
@@ -152,7 +197,9 @@ class Again(Player):
         return task is None or bool(task.reached & node.moment)
 
     def act(self, end: End) -> None:
-        """Do what an end stands for. Raises AssertionError where central knows nothing of the kind."""
+        """Do what an end stands for. Raises AssertionError where central knows nothing of the
+        kind.
+        """
         if end.kind is WaitKind.RUNNING:
             runs = [one for one in may_return(self.central) if one.message_id == end.number]
             assert runs, f"{end} does not go on"
@@ -169,20 +216,36 @@ class Again(Player):
             self.unlock_or_join(end)
 
     def unlock_or_join(self, end: End) -> None:
-        """A lock is released that somebody has outside of handlers; or a resource that has no slot gets one."""
-        if claim := next((one for one in may_be_released(self.central) if one.id == end.number), None):
+        """A lock is released that somebody has outside of handlers; or a resource that has no slot
+        gets one.
+        """
+        if claim := next(
+            (one for one in may_be_released(self.central) if one.id == end.number), None
+        ):
             self.release(claim)
             return
         at = self.at
         message, wanted = at.run.messages.get(end.number), at.run.claims.get(end.number)
-        places = [wanted] if wanted else [at.queueing_of(message), *at.copies_of(message)[1]] if message else []
+        places = (
+            [wanted]
+            if wanted
+            else [at.queueing_of(message), *at.copies_of(message)[1]]
+            if message
+            else []
+        )
         modules = {module.name: module for module in self.central.registry.modules.values()}
-        empty = [one for one in places if one and not modules[one.module].resources[one.resource].capacity]
+        empty = [
+            one
+            for one in places
+            if one and not modules[one.module].resources[one.resource].capacity
+        ]
         assert empty, f"{end} {message} stands, and nobody knows why"
         self.hello(f"{empty[0].module}/{len(self.entries)}", empty[0].module, empty[0].resource)
 
     def answer(self, run: Delivery) -> None:
-        """It returns, an exception handler with its failure resolved: else what is under the failed task would end."""
+        """It returns, an exception handler with its failure resolved: else what is under the failed
+        task would end.
+        """
         if run.slot is not None:
             if run.role is Role.EXCEPTION:
                 self.resolve(run.slot.id.decode(), run.given_as)
@@ -208,11 +271,18 @@ def _pauses(slot: Connection, run: Delivery) -> bool:
 
 def may_be_released(central: Central) -> list[ModuleClaim]:
     """Locks in force that whoever has them can release: he waits for nothing."""
-    granted, free = [claim for claim in central.claims.values() if claim.is_granted], may_return(central)
-    return [one for one in granted if (one.holder in free if one.holder else not (one.slot.waits or one.slot.pauses))]
+    granted, free = (
+        [claim for claim in central.claims.values() if claim.is_granted],
+        may_return(central),
+    )
+    return [
+        one
+        for one in granted
+        if (one.holder in free if one.holder else not (one.slot.waits or one.slot.pauses))
+    ]
 
 
-# --- what is done ----------------------------------------------------------------------------------------------------
+# --- what is done ---------------------------------------------------------------------------------
 
 
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
@@ -220,8 +290,12 @@ def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> 
     circles, killed = Ends.at(again.at), len(again.facts(Killed))
     done = list(rest(again, ends, named))
     left = [node for node in nodes if not again.has_reached(node)]
-    if len(again.facts(Killed)) == killed:  # an exception handler that has failed itself decides nothing: that kills
-        assert left == nodes, f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
+    if (
+        len(again.facts(Killed)) == killed
+    ):  # an exception handler that has failed itself decides nothing: that kills
+        assert left == nodes, (
+            f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
+        )
 
 
 def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
@@ -262,14 +336,33 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 
 
 @example(
-    [("send", 0, 0, 0), ("send", 1, 0, 0), ("send", 1, 0, 1), ("return", 0, 0, 0), ("kill", 1, 0, 0)]
+    [
+        ("send", 0, 0, 0),
+        ("send", 1, 0, 0),
+        ("send", 1, 0, 1),
+        ("return", 0, 0, 0),
+        ("kill", 1, 0, 0),
+    ]
 )  # as it runs
 @example(
-    [("send", 0, 0, 0), ("send", 0, 34, 0), ("return", 0, 0, 0), ("retry", 0, 0, 0), ("send", 0, 0, 0)]
+    [
+        ("send", 0, 0, 0),
+        ("send", 0, 34, 0),
+        ("return", 0, 0, 0),
+        ("retry", 0, 0, 0),
+        ("send", 0, 0, 0),
+    ]
 )  # or again
 @example([("send", 0, 0, 38), ("suspend", 0, 0, 1), ("retry", 0, 0, 0)])  # once it is resumed
 @example(
-    [("send", 0, 1, 0), ("send", 0, 0, 0), ("lock", 0, 0, 0), ("send", 0, 0, 0), ("fail", 0, 0, 0), ("fail", 1, 0, 0)]
+    [
+        ("send", 0, 1, 0),
+        ("send", 0, 0, 0),
+        ("lock", 0, 0, 0),
+        ("send", 0, 0, 0),
+        ("fail", 0, 0, 0),
+        ("fail", 1, 0, 0),
+    ]
 )  # or what failed there is killed
 @example(
     [
@@ -284,7 +377,9 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         ("retry", 0, 0, 0),
     ]
 )  # or who has a lock is handled again
-@example([("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)])  # or its failure is dealt with
+@example(
+    [("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)]
+)  # or its failure is dealt with
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
 def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:

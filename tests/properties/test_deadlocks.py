@@ -1,8 +1,10 @@
-"""Random lives of handlers that block: what is called a deadlock would never have ended, and none is overlooked.
+"""Random lives of handlers that block: what is called a deadlock would never have ended, and none
+is overlooked.
 
-Each life is lived twice, the second time by a central that does not look for deadlocks. In that one, at the moment of
-the first refusal, everything that can go on does: whoever was refused must wait still. In some lives central looks at so
-little at a time that its searches go on while everything changes.
+Each life is lived twice, the second time by a central that does not look for deadlocks. In that
+one, at the moment of the first refusal, everything that can go on does: whoever was refused must
+wait still. In some lives central looks at so little at a time that its searches go on while
+everything changes.
 """
 
 from collections.abc import Iterator
@@ -19,9 +21,33 @@ from tca_wire.packets import headers
 
 numbers = st.integers(0, 50)
 steps = st.lists(
-    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "any", "follow", "follow", "await", "await", "lock", "constrain", "return",
-                               "kill", "suspend", "give up"]), numbers, numbers, numbers), max_size=30,
-)  # fmt: skip
+    st.tuples(
+        st.sampled_from(
+            [
+                "send",
+                "send",
+                "ask",
+                "ask",
+                "wait",
+                "any",
+                "follow",
+                "follow",
+                "await",
+                "await",
+                "lock",
+                "constrain",
+                "return",
+                "kill",
+                "suspend",
+                "give up",
+            ]
+        ),
+        numbers,
+        numbers,
+        numbers,
+    ),
+    max_size=30,
+)
 
 
 CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await", 0, 32, 0)]
@@ -87,7 +113,9 @@ def check(taken: Steps) -> None:
             looking.tick(1.0)
             blind.time += 1.0
         blind.do(*step)
-        if looking.refused or any(fact.failure == "deadlock" for fact in looking.facts_of("failed")):
+        if looking.refused or any(
+            fact.failure == "deadlock" for fact in looking.facts_of("failed")
+        ):
             still = all_waits(looking)
             before = Blocking(looks=False)  # what was due to be looked at came first in this event
             for earlier in taken[:index]:

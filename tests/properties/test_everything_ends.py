@@ -1,5 +1,6 @@
-"""Random lives full of trouble come to an end: when each handler has returned, all are resumed and time has passed,
-nothing is left. No wait for ever is overlooked, whoever keeps what others need, and what makes a robot safe gets in.
+"""Random lives full of trouble come to an end: when each handler has returned, all are resumed and
+time has passed, nothing is left. No wait for ever is overlooked, whoever keeps what others need,
+and what makes a robot safe gets in.
 """
 
 from central.player import Player, point
@@ -16,9 +17,24 @@ from tca_wire.vocabulary import Condition, Role, Scope
 
 MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
 FAILURES = ("slipped", "timeout", "deadlock", "")
-STEPS = ["send"] * 5 + ["return"] * 3 + ["ask", "await", "lock", "attach"] * 2 + [
-    "wait", "constrain", "kill", "suspend", "fail", "raise", "retry", "parting", "deadline", "kill others", "tap",
-]  # fmt: skip
+STEPS = (
+    ["send"] * 5
+    + ["return"] * 3
+    + ["ask", "await", "lock", "attach"] * 2
+    + [
+        "wait",
+        "constrain",
+        "kill",
+        "suspend",
+        "fail",
+        "raise",
+        "retry",
+        "parting",
+        "deadline",
+        "kill others",
+        "tap",
+    ]
+)
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000
 QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
@@ -59,13 +75,21 @@ class Troubled(Blocking):
                 scope = (Scope.DESCENDANTS, Scope.SIBLINGS)[c % 2]
                 self.request("operator", headers.Kill, task, "", scope)
             case "tap":
-                self.tap(task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c)
+                self.tap(
+                    task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c
+                )
             case _:
                 super().do(what, a, b, c)
 
     def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
-        """The operator has something checked, by whoever blocks, too; what waits already as well."""
-        condition = (Condition.BEFORE_HANDLING, Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING)[b % 3]
+        """The operator has something checked, by whoever blocks, too; what waits already as
+        well.
+        """
+        condition = (
+            Condition.BEFORE_HANDLING,
+            Condition.BEFORE_HANDLING,
+            Condition.BEFORE_ACHIEVING,
+        )[b % 3]
         message, listener = "" if task else message, ("park", "move", "step")[c % 3]
         self.request("operator", headers.Tap, condition, listener, message, task)
 
@@ -86,8 +110,8 @@ class Mixed(Life):
 
 
 def come_to_an_end(player: Player) -> None:
-    """Each handler returns, all are resumed, monitors end, who has locked something outside of a task lets go, and time
-    passes, until nothing more comes: then nothing may be left.
+    """Each handler returns, all are resumed, monitors end, who has locked something outside of a
+    task lets go, and time passes, until nothing more comes: then nothing may be left.
     """
     central, quiet, rounds = player.central, 0, 0
     while quiet < QUIET and rounds < ROUNDS:
@@ -111,8 +135,16 @@ def come_to_an_end(player: Player) -> None:
     assert rounds < ROUNDS, "there is no end"
 
 
-KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), ("raise", 0, 0, 1), ("retry", 0, 0, 0)]
-"""A task that is to be handled again, after its exception handler, keeps the resource of that handler."""
+KEPT_FOR_A_RETRY = [
+    ("send", 0, 0, 0),
+    ("lock", 0, 1, 0),
+    ("attach", 1, 0, 0),
+    ("raise", 0, 0, 1),
+    ("retry", 0, 0, 0),
+]
+"""A task that is to be handled again, after its exception handler, keeps the resource of that
+handler.
+"""
 
 
 @given(steps)

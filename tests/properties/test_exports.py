@@ -1,4 +1,6 @@
-"""Whatever happens in a random life, its exports keep the rules of their formats and hold all that happened."""
+"""Whatever happens in a random life, its exports keep the rules of their formats and hold all that
+happened.
+"""
 
 import io
 import tempfile
@@ -37,7 +39,9 @@ def test_exports_of_a_longer_life(seed: int, tick: int) -> None:
 
 def check(life: Life, tick: int) -> None:
     """With a clock that goes on every so many seconds only."""
-    entries = [Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries]
+    entries = [
+        Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries
+    ]
     history = History.until(entries)
     check_trace(history)
     check_mcap(history, entries)
@@ -81,7 +85,9 @@ def check_trace(history: History) -> None:
 def check_stats(history: History) -> None:
     measured = measure(history)
     assert sum(stats.sent for stats in measured.messages) == len(history.messages)
-    assert sum(stats.handled for stats in measured.messages) == sum(one.end is not None for one in history.handlings)
+    assert sum(stats.handled for stats in measured.messages) == sum(
+        one.end is not None for one in history.handlings
+    )
     for resource in measured.resources:
         if use := resource.use:
             assert 0 <= use.waiting <= use.busy + 1e-9

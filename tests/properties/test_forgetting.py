@@ -1,4 +1,6 @@
-"""What has ended is forgotten: nothing of it can be reached from central any more, whatever still goes on."""
+"""What has ended is forgotten: nothing of it can be reached from central any more, whatever still
+goes on.
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -41,16 +43,26 @@ PASSING = (
 
 
 def held(central: Central) -> Counter[str]:
-    """How many objects of those classes can be reached from central; its root, which never ends, is not counted."""
+    """How many objects of those classes can be reached from central; its root, which never ends, is
+    not counted.
+    """
     found, root = Counter[str](), central.tree.root
     for one in reachable(central):
-        if isinstance(one, PASSING) and one not in (root, root.recovery, root.tapping, root.plans, root.keeping):
+        if isinstance(one, PASSING) and one not in (
+            root,
+            root.recovery,
+            root.tapping,
+            root.plans,
+            root.keeping,
+        ):
             found[type(one).__name__] += not (isinstance(one, Timer) and one.is_cancelled)
     return +found
 
 
 @given(operations)
-@example([("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2)  # a resource that has lost its slots
+@example(
+    [("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2
+)  # a resource that has lost its slots
 @settings(max_examples=30)
 def test_when_everything_has_ended_central_holds_nothing_of_it(taken: Operations) -> None:
     life = Life().live(taken)
@@ -82,7 +94,11 @@ class Long:
         return self.player.task("user", "move", **{"flags": Flags.NONE, **options})
 
     def returns(self, task: int) -> None:
-        (slot,) = (d.slot for d in self.player.central.dispatcher.running.values() if d.id == task and d.slot)
+        (slot,) = (
+            d.slot
+            for d in self.player.central.dispatcher.running.values()
+            if d.id == task and d.slot
+        )
         self.player.reply(slot.id.decode(), task)
 
     def guard(self, duration: float = 0) -> int:
@@ -145,7 +161,9 @@ def waited_for_in_vain(long: Long) -> None:
 
 
 def its_own_kills_and_deadlines_over(long: Long) -> None:
-    """What was asked for has happened: nothing under it to kill, a deadline of a point that is past."""
+    """What was asked for has happened: nothing under it to kill, a deadline of a point that is
+    past.
+    """
     long.ask(headers.Kill, TaskId(long.task), "", Scope.DESCENDANTS, None, 1.0)
     long.ask(headers.Deadline, point(long.task, Moment.START_HANDLING), 1.0)
     long.player.tick(2.0)

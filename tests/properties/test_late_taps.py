@@ -1,5 +1,6 @@
-"""Wiretaps that come late: whatever waits to be given to a handler when one is attached, or when somebody comes to handle
-its listener, passes it first. In lives that are full of that the reference scheduler agrees with central.
+"""Wiretaps that come late: whatever waits to be given to a handler when one is attached, or when
+somebody comes to handle its listener, passes it first. In lives that are full of that the reference
+scheduler agrees with central.
 """
 
 import random
@@ -22,12 +23,35 @@ CHECKED = {
 """Who checks comes and goes by itself."""
 MESSAGES = [message for handled in CHECKED.values() for message in handled]
 BEFORE = (Condition.BEFORE_HANDLING,) * 4 + (
-    Condition.BEFORE_ACHIEVING, Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED, Condition.WHEN_ACHIEVED,
-)  # fmt: skip
-STEPS = ["send"] * 8 + ["reply"] * 6 + ["tap"] * 6 + ["remove"] * 4 + ["join"] * 2 + ["bye", "lose", "unregister"] + [
-    "retry", "retry", "suspend", "suspend", "kill", "fail", "attach", "constrain", "lock", "unclaim", "unclaim", "pass",
-    "raise", "give up",
-]  # fmt: skip
+    Condition.BEFORE_ACHIEVING,
+    Condition.BEFORE_PLANNING,
+    Condition.WHEN_PLANNED,
+    Condition.WHEN_ACHIEVED,
+)
+STEPS = (
+    ["send"] * 8
+    + ["reply"] * 6
+    + ["tap"] * 6
+    + ["remove"] * 4
+    + ["join"] * 2
+    + ["bye", "lose", "unregister"]
+    + [
+        "retry",
+        "retry",
+        "suspend",
+        "suspend",
+        "kill",
+        "fail",
+        "attach",
+        "constrain",
+        "lock",
+        "unclaim",
+        "unclaim",
+        "pass",
+        "raise",
+        "give up",
+    ]
+)
 FINISHING = ["reply"] * 8 + ["kill", "pass", "unclaim", "join"]
 CROWDED = 25
 
@@ -47,11 +71,16 @@ class CheckedLife(JudgedLife):
         return ("move", "walk", "lift", "move", "walk", "where", "check")[b % 7]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        condition, listener = BEFORE[a % len(BEFORE)], ("check", "check", "survey", "note", "watch")[b % 5]
+        condition, listener = (
+            BEFORE[a % len(BEFORE)],
+            ("check", "check", "survey", "note", "watch")[b % 5],
+        )
         watch = self.watch_options(d, b, c, waited_for=True) if listener == "watch" else None
         waiting = [task for task in self.central.tree.tasks.values() if task.queues is not None]
         if waiting and c % 3 == 0:
-            self.request(headers.Tap, condition, listener, "", TaskId(waiting[d % len(waiting)].id), watch)
+            self.request(
+                headers.Tap, condition, listener, "", TaskId(waiting[d % len(waiting)].id), watch
+            )
         else:
             message = ("move", "walk", "recover", "lift", "move")[d % 5]
             self.request(headers.Tap, condition, listener, message, TaskId(0), watch)
@@ -68,7 +97,9 @@ class CheckedLife(JudgedLife):
 
 
 @given(st.integers(0, 1 << 32))
-@example(47066)  # an exception handler that was spared while its module leaves, and comes to wait again
+@example(
+    47066
+)  # an exception handler that was spared while its module leaves, and comes to wait again
 @settings(max_examples=lives(7, soak=2_000), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
     CheckedLife().go_on(seed, lives(300, soak=500))

@@ -1,4 +1,6 @@
-"""The states of tasks as the journal tells of them are those that central knows, and they keep the rules."""
+"""The states of tasks as the journal tells of them are those that central knows, and they keep the
+rules.
+"""
 
 from typing import Any
 
@@ -35,7 +37,10 @@ class LivingPlayer(Folding):
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         if isinstance(header, Register):
-            wished = [msgspec.structs.replace(one, **WISHES.get(one.message, {})) for one in header.handlers]
+            wished = [
+                msgspec.structs.replace(one, **WISHES.get(one.message, {}))
+                for one in header.handlers
+            ]
             header = msgspec.structs.replace(header, handlers=wished)
         return super().receive(connection, header, body)
 
@@ -44,7 +49,10 @@ class LivingPlayer(Folding):
             record = self.history.tasks.get(number)
             if record is not None and not (record.retries and record.message_class.is_monitor):
                 life = life_at(self.history, record)
-                assert (life.state, life.serial) == (task.state, task.serial), (str(task), len(self.entries))
+                assert (life.state, life.serial) == (task.state, task.serial), (
+                    str(task),
+                    len(self.entries),
+                )
 
 
 class AskedLife(Life):
@@ -56,19 +64,27 @@ class AskedLife(Life):
             task = tasks[a % len(tasks)]
             name = BY_CLIENTS[b % len(BY_CLIENTS)] if d % 4 else "update"
             serial = (-1, task.serial, max(task.serial - 1, 0))[c % 3]
-            self.player.change("user", task.id, name, b if name == "update" else None, serial=serial)
+            self.player.change(
+                "user", task.id, name, b if name == "update" else None, serial=serial
+            )
 
     def say_(self, a: int, b: int, c: int, _: int) -> None:
         running = [one for one in self.central.dispatcher.running.values() if isinstance(one, Task)]
         if running:
             task = running[a % len(running)]
             assert task.slot is not None
-            possible = [one.name for one in GENERAL.transitions if one.source == task.state and one.name in BY_SERVERS]
+            possible = [
+                one.name
+                for one in GENERAL.transitions
+                if one.source == task.state and one.name in BY_SERVERS
+            ]
             names = possible if c % 5 else BY_SERVERS
             name = names[b % len(names)]
             serial = (-1, task.serial, max(task.serial - 1, 0))[c % 3]
             value = b if name == "result available" else None
-            self.player.change(task.slot.id.decode(), task.id, name, value, serial=serial, origin=task.given_as)
+            self.player.change(
+                task.slot.id.decode(), task.id, name, value, serial=serial, origin=task.given_as
+            )
 
 
 @given(st.lists(operation, max_size=60))

@@ -1,5 +1,5 @@
-"""Slots of the library's own session with messages ahead, whose packets take their time, get lost, or end with their
-process: all are begun once and in order, and the journal says when.
+"""Slots of the library's own session with messages ahead, whose packets take their time, get lost,
+or end with their process: all are begun once and in order, and the journal says when.
 """
 
 import random
@@ -29,8 +29,8 @@ from tca_wire.packets.parts import HandlerFormat
 
 
 class Worker:
-    """A slot of the library's own session, with packets under way in both directions. In a turn it holds its replies;
-    its connection may break, and its process may be killed.
+    """A slot of the library's own session, with packets under way in both directions. In a turn it
+    holds its replies; its connection may break, and its process may be killed.
     """
 
     prefetch = 6
@@ -40,7 +40,9 @@ class Worker:
         town.player.hello(name)
         town.player.request(name, headers.Register, [*FORMATS], HANDLERS)
         self.session = Session(
-            headers.Hello(0, headers.PROTOCOL_VERSION, name, f"run of {name}", 1, "it", prefetch=self.prefetch)
+            headers.Hello(
+                0, headers.PROTOCOL_VERSION, name, f"run of {name}", 1, "it", prefetch=self.prefetch
+            )
         )
         self.to_central: deque[tuple[Any, bytes]] = deque()
         self.from_central: deque[tuple[Any, bytes]] = deque()
@@ -81,15 +83,21 @@ class Worker:
             self.post()
 
     def begin(self) -> None:
-        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for a callback's lock."""
-        waiting = self.session.deliveries or (None if self.session.is_claiming else self.session.ahead)
+        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for
+        a callback's lock.
+        """
+        waiting = self.session.deliveries or (
+            None if self.session.is_claiming else self.session.ahead
+        )
         if not self.handling and waiting:
             self.handling = waiting.popleft()[0].delivery
             self.session.held.begin(self.handling, self.now)
             self.town.begins(self, self.handling)
 
     def lock(self) -> None:
-        """A callback of a slot that handles nothing locks its own resource, or has it and releases it."""
+        """A callback of a slot that handles nothing locks its own resource, or has it and releases
+        it.
+        """
         if self.locking is not None and self.locking.is_over:
             self.session.request(headers.Release(0, self.locking.header.number))
             self.locking = None
@@ -110,7 +118,9 @@ HANDLERS = [HandlerFormat(message.name, "it", "") for message in FORMATS]
 
 
 class Town:
-    """Workers of one program, and those who send to it, give up and lock it; who comes last gets what waits."""
+    """Workers of one program, and those who send to it, give up and lock it; who comes last gets
+    what waits.
+    """
 
     def __init__(self, seed: int) -> None:
         self.dice = random.Random(seed)
@@ -129,7 +139,9 @@ class Town:
     def begins(self, worker: Worker, delivery: int) -> None:
         assert delivery not in self.begun, f"{delivery} is begun twice"
         self.begun[delivery], self.times[delivery] = worker.name, [worker.now]
-        held_by = self.player.central.registry.modules[f"run of {worker.name}"].resources["it"].held_by
+        held_by = (
+            self.player.central.registry.modules[f"run of {worker.name}"].resources["it"].held_by
+        )
         is_own = held_by is not None and held_by.slot.module.called == worker.name
         assert held_by is None or is_own, f"{delivery} is begun while others have the resource"
 
@@ -149,8 +161,15 @@ class Town:
     def step(self) -> None:
         player, dice = self.player, self.dice
         worker = dice.choice(self.workers)
-        what = dice.choice(["send"] * 7 + ["hear"] * 6 + ["listen"] * 6 + ["begin"] * 7 + ["end"] * 7 + ["post"]
-                           + ["lock", "unlock", "own lock", "give up", "work", "rare"])  # fmt: skip
+        what = dice.choice(
+            ["send"] * 7
+            + ["hear"] * 6
+            + ["listen"] * 6
+            + ["begin"] * 7
+            + ["end"] * 7
+            + ["post"]
+            + ["lock", "unlock", "own lock", "give up", "work", "rare"]
+        )
         if what == "send":
             player.send("user", dice.choice(FORMATS).name, priority=dice.choice((0, 0, 0, 1)))
         elif what == "hear" and worker.to_central:
@@ -163,7 +182,10 @@ class Town:
             worker.lock()
         elif what == "lock":
             number = player.number("user")
-            player.receive("user", headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))))
+            player.receive(
+                "user",
+                headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))),
+            )
         elif what in ("unlock", "give up"):
             central = player.central
             due = central.registry.connections[ConnectionId(b"user")].outstanding
@@ -191,7 +213,10 @@ class Town:
             self.player.receive("user", headers.GiveUp(number))
         for _ in range(5_000):  # a slot without messages ahead handles one a round
             self.deliver()
-            if not (self.player.central.dispatcher.running or any(worker.is_busy for worker in self.workers)):
+            if not (
+                self.player.central.dispatcher.running
+                or any(worker.is_busy for worker in self.workers)
+            ):
                 return
             for worker in self.workers:
                 if worker.locking is not None:
@@ -205,7 +230,9 @@ class Town:
 
 
 def check_times(town: Town) -> None:
-    """Runs of one worker follow each other, and lie where they were but for the time that packets took."""
+    """Runs of one worker follow each other, and lie where they were but for the time that packets
+    took.
+    """
     over: dict[str, float] = {}
     for entry in town.player.entries:
         for fact in entry.facts:
@@ -235,7 +262,10 @@ def check_charts(town: Town) -> None:
     for message in history.messages.values():
         waits = waits_of(history, message.id)
         for time in {wait.start for wait in waits}:
-            at, told = RunAt(history, time), {wait.on for wait in waits if wait.start <= time < wait.end}
+            at, told = (
+                RunAt(history, time),
+                {wait.on for wait in waits if wait.start <= time < wait.end},
+            )
             assert {wait.on for wait in keeping(at, next_node(at, message.id))} <= told
 
 
@@ -249,7 +279,10 @@ def live(seed: int, steps: int) -> Town:
     assert not central.dispatcher.running
     assert not central.registry.connections[ConnectionId(b"user")].outstanding
     assert [
-        name for module in central.registry.modules.values() for name, one in module.resources.items() if one.waiting
+        name
+        for module in central.registry.modules.values()
+        for name, one in module.resources.items()
+        if one.waiting
     ] == []
     given: dict[str, list[int]] = {name: [] for name in town.begun.values()}
     for fact in town.player.facts(Delivered):

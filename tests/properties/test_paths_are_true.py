@@ -1,5 +1,5 @@
-"""The critical path of any task of a random life has no gaps, begins where somebody acted of his own will, and each of
-its parts says what really went on then, as the facts alone tell.
+"""The critical path of any task of a random life has no gaps, begins where somebody acted of his
+own will, and each of its parts says what really went on then, as the facts alone tell.
 """
 
 import random
@@ -24,9 +24,28 @@ from tca_wire.packets import headers
 from tca_wire.points import Moment
 
 KINDS = [
-    "send", "send", "send", "ask", "ask all", "ask all", "ask and go on", "fetch", "wait", "wait", "lock", "give up",
-    "return", "return", "return", "kill", "suspend", "lose", "constrain", "delay", "deadline",
-]  # fmt: skip
+    "send",
+    "send",
+    "send",
+    "ask",
+    "ask all",
+    "ask all",
+    "ask and go on",
+    "fetch",
+    "wait",
+    "wait",
+    "lock",
+    "give up",
+    "return",
+    "return",
+    "return",
+    "kill",
+    "suspend",
+    "lose",
+    "constrain",
+    "delay",
+    "deadline",
+]
 numbers = st.integers(0, 50)
 steps = st.lists(st.tuples(st.sampled_from(KINDS), numbers, numbers, numbers), max_size=40)
 
@@ -50,13 +69,18 @@ class Quiet(Told):
             self.request("operator", headers.Deadline, place, c % 10)
         elif tasks:
             pair = point(tasks[a % len(tasks)], list(Moment)[b % 6]), point(-1, list(Moment)[c % 6])
-            self.send("operator", ("walk", "move", "step")[a % 3], constraints=(before(*pair, b % 5),))
+            self.send(
+                "operator", ("walk", "move", "step")[a % 3], constraints=(before(*pair, b % 5),)
+            )
 
 
 def longer(seed: int) -> Steps:
     """Sixty steps, all as likely as each other."""
     dice = random.Random(seed)
-    return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
+    return [
+        (dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51))
+        for _ in range(60)
+    ]
 
 
 steps_of_lives = steps | st.integers(0, 1 << 32).map(longer)
@@ -80,12 +104,20 @@ def test_paths_say_what_was_so(taken: Steps) -> None:
             f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_then(run, one)}"
             for one in path.steps
         )
-        assert path.end == min(seen.ends(task.id), run.time), f"{task} goes on after its path\n{said}"
+        assert path.end == min(seen.ends(task.id), run.time), (
+            f"{task} goes on after its path\n{said}"
+        )
         for one, after in pairwise(path.steps):
             assert one.end == after.start, f"a gap in the path of {task}\n{said}"
         for one in path.steps:
             assert seen.bears_out(one), f"of {task}: {one.doing} from {one.start} is not so\n{said}"
-            known = run.messages.get(one.message_id) if one.doing in NOT_KNOWN and one.seconds > 0 else None
+            known = (
+                run.messages.get(one.message_id)
+                if one.doing in NOT_KNOWN and one.seconds > 0
+                else None
+            )
             ends = Ends.at(RunAt(run, nextafter(one.end, 0.0))).of(known.id) if known else ()
-            assert all(end.kind is None for end in ends), f"{one.doing} of {task}, and its waits end somewhere\n{said}"
+            assert all(end.kind is None for end in ends), (
+                f"{one.doing} of {task}, and its waits end somewhere\n{said}"
+            )
         assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"

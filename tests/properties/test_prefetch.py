@@ -1,4 +1,6 @@
-"""A slot that has messages ahead of the one that it handles: every run is one that could have happened without."""
+"""A slot that has messages ahead of the one that it handles: every run is one that could have
+happened without.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -57,8 +59,8 @@ class ToldLate:
 
 
 class PrefetchPlayer(JudgedPlayer):
-    """Each slot takes messages ahead, and gives back at once what is recalled: the oracle, which knows nothing of that,
-    finds everything as ever.
+    """Each slot takes messages ahead, and gives back at once what is recalled: the oracle, which
+    knows nothing of that, finds everything as ever.
     """
 
     prefetch = 3
@@ -87,18 +89,25 @@ class PrefetchPlayer(JudgedPlayer):
     def _together(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
         """The slot has handled some of what it has ahead, too, and says all at once."""
         slot = self.central.registry.connections[event.connection]
-        others = list(slot.resource.ahead)[: round(event.time) % 3] if slot.resource is not None else []
+        others = (
+            list(slot.resource.ahead)[: round(event.time) % 3] if slot.resource is not None else []
+        )
         if not others or slot.resource.is_recalling or len(slot.handling) > 1:  # type: ignore[union-attr]
             return event
         self.joined += len(others)
         numbers = [header.delivery, *(one.given_as for one in others)]
-        runs = [EndedRun(one, 0.1 * ago, 0.1, len(event.body)) for ago, one in enumerate(reversed(numbers))]
-        return RequestReceived(event.time, event.connection, headers.Replies(runs[::-1]), event.body * len(runs))
+        runs = [
+            EndedRun(one, 0.1 * ago, 0.1, len(event.body))
+            for ago, one in enumerate(reversed(numbers))
+        ]
+        return RequestReceived(
+            event.time, event.connection, headers.Replies(runs[::-1]), event.body * len(runs)
+        )
 
     @staticmethod
     def _gives_back_before(event: Any, slot: Connection) -> bool:
-        """Whether what a slot has ahead would come too late if it gave that back later: when it claims something itself,
-        and when handlers come or go.
+        """Whether what a slot has ahead would come too late if it gave that back later: when it
+        claims something itself, and when handlers come or go.
         """
         if slot.resource is None or not slot.resource.ahead or isinstance(event, Tick):
             return False
@@ -129,11 +138,16 @@ class PrefetchLife(JudgedLife):
         return super().sent_name(b) if b % 4 == 0 else SENT[b // 4 % len(SENT)]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        """Half of the wiretaps are of what may be ahead all the same: they listen when it is sent, or over."""
+        """Half of the wiretaps are of what may be ahead all the same: they listen when it is sent,
+        or over.
+        """
         if a % 2:
             super().tap_(a // 2, b, c, d)
             return
-        condition, listener = LISTENING[a // 2 % len(LISTENING)], ("note", "pose", "lift", "watch")[c % 4]
+        condition, listener = (
+            LISTENING[a // 2 % len(LISTENING)],
+            ("note", "pose", "lift", "watch")[c % 4],
+        )
         options = self.watch_options(d, b, c) if listener == "watch" else None
         self.request(headers.Tap, condition, listener, SENT[b % len(SENT)], TaskId(0), options)
 

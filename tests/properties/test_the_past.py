@@ -1,4 +1,6 @@
-"""What records that go on say of an earlier moment is what was known then: after every event of a random life."""
+"""What records that go on say of an earlier moment is what was known then: after every event of a
+random life.
+"""
 
 from typing import Any
 
@@ -16,16 +18,30 @@ from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_wire.points import MOMENTS, Point, TaskId
 
-FIELDS = ("state", "failure", "why_killed", "body", "result", "failure_data", "caught_by", "reached", "children",
-          "handling", "suspension")  # fmt: skip
+FIELDS = (
+    "state",
+    "failure",
+    "why_killed",
+    "body",
+    "result",
+    "failure_data",
+    "caught_by",
+    "reached",
+    "children",
+    "handling",
+    "suspension",
+)
 _NO_TIME = 1e-6
 """Seconds: states that last no longer are not told of."""
 
 
 def seen(at: RunAt) -> Any:
-    """What can be seen of a moment. Whether the run went on after a failure is told as far as the journal goes."""
+    """What can be seen of a moment. Whether the run went on after a failure is told as far as the
+    journal goes.
+    """
     tree = [
-        click.unstyle(line).replace(HANDLED, "failed") for line in tree_lines(at, whole_outline(at), with_data=True)
+        click.unstyle(line).replace(HANDLED, "failed")
+        for line in tree_lines(at, whole_outline(at), with_data=True)
     ]
     return (
         [" ".join(line.split()) for line in tree],
@@ -40,9 +56,13 @@ def seen(at: RunAt) -> Any:
 def told(at: RunAt) -> dict[int, list[str]]:
     """The stories of all messages as they were then."""
     known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
-    stories = {number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment] for number in known}
+    stories = {
+        number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment]
+        for number in known
+    }
     return {
-        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in told] for number, told in stories.items()
+        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in told]
+        for number, told in stories.items()
     }
 
 
@@ -57,7 +77,9 @@ class WatchedPlayer(FoldedPlayer):
         """What is known now is what the records say."""
         at, run = RunAt(self.history), self.history
         for task in at.tasks.values():
-            assert all(getattr(task, name) == getattr(run.tasks[task.id], name) for name in FIELDS), task
+            assert all(
+                getattr(task, name) == getattr(run.tasks[task.id], name) for name in FIELDS
+            ), task
             assert bool(task.queueing) == run.tasks[task.id].is_queued
         stories = told(at) if len(run.times) % 3 == 0 else None
         if run.time not in self.seen:

@@ -1,5 +1,6 @@
-"""Folding the journal gives the live tree; and what the tools say that a task waits for, knowing the journal alone, is
-what central's own graph of needs says: for every moment of every task that lives, after every event of random lives.
+"""Folding the journal gives the live tree; and what the tools say that a task waits for, knowing
+the journal alone, is what central's own graph of needs says: for every moment of every task that
+lives, after every event of random lives.
 """
 
 from collections.abc import Iterable
@@ -29,13 +30,24 @@ from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, Moment, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    MOMENTS,
+    ROOT,
+    Moment,
+    TaskId,
+)
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Condition, MessageClass
 from tca_wire.waits import NAMED, WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""Of moments that begin something the tools name the one of the constraint, central the one at which that is decided."""
+"""Of moments that begin something the tools name the one of the constraint, central the one at
+which that is decided.
+"""
 OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
 
 
@@ -67,7 +79,9 @@ class ComparedPlayer(LivePlayer):
 
 
 def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
-    """The points of other tasks that have to come first. What is suspended is told with its constraints, too."""
+    """The points of other tasks that have to come first. What is suspended is told with its
+    constraints, too.
+    """
     true = outside(central, task, moment)
     kept = keeping(at, Node(task.id, moment))
     told, recovery = (
@@ -89,8 +103,8 @@ def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
 
 
 def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
-    """What central says that a moment of a task needs of other tasks, by way of its own moments; but for what would do
-    as well as something else: until when a monitor watches is in no journal.
+    """What central says that a moment of a task needs of other tasks, by way of its own moments;
+    but for what would do as well as something else: until when a monitor watches is in no journal.
     """
     way, found = [Place(task, moment)], set[tuple[int, int]]()
     for place in way:  # grows while it is walked
@@ -104,7 +118,9 @@ def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
 
 
 def assert_ends(at: RunAt, number: int) -> None:
-    """The ends are what can be reached and leads nowhere else; or circles, if there is no such thing."""
+    """The ends are what can be reached and leads nowhere else; or circles, if there is no such
+    thing.
+    """
     way = reached(at, [next_node(at, number)])
     last = {node.number for node in way if steps(at, node)[1] or not steps(at, node)[0]}
     found = Ends.at(at).of(number)
@@ -169,13 +185,17 @@ def assert_tree(central: Central, history: History) -> None:
         assert (folded.why_killed or "") == task.killed
         assert task.killed or bool(folded.suspension) == task.suspended
         assert bool(folded.handling) == task.is_running
-        if folded.parent != ROOT and not task.killed and not task.retrying:  # one at the top has those under it, too
+        if (
+            folded.parent != ROOT and not task.killed and not task.retrying
+        ):  # one at the top has those under it, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
             assert not task.failure or folded.is_dealt_with == task.is_dealt_with
         assert folded.is_queued == (task.queues is not None)
         assert {child for child in folded.children if child in live} == set(task.children or {})
     attended = {delivery.message_id for delivery in central.dispatcher.running.values()}
-    assert {handling.message_id for handling in history.handlings if handling.end is None} == attended
+    assert {
+        handling.message_id for handling in history.handlings if handling.end is None
+    } == attended
 
 
 def test_a_retried_task_waits_under_a_new_number() -> None:
@@ -197,7 +217,15 @@ def player() -> ComparedPlayer:
     player.module("legs", "command move", "command lift", "goal walk", capacity=2)
     player.module("expert", "exception handler recover", capacity=2)
     player.module("user")
-    player.declare("user", "command move", "command lift", "goal walk", "command later", "goal step", "inform note")
+    player.declare(
+        "user",
+        "command move",
+        "command lift",
+        "goal walk",
+        "command later",
+        "goal step",
+        "inform note",
+    )
     guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
     player.request("user", headers.Register, [guard])
     return player
@@ -207,7 +235,9 @@ def retry(player: ComparedPlayer, task: int) -> None:
     player.request("user", headers.Retry, TaskId(task))
 
 
-def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(player: ComparedPlayer) -> None:
+def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(
+    player: ComparedPlayer,
+) -> None:
     move = player.task("user", "move")
     player.send("user", "lift", under=move, when_killed=True)
     retry(player, move)
@@ -215,14 +245,18 @@ def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_un
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(player: ComparedPlayer) -> None:
+def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(
+    player: ComparedPlayer,
+) -> None:
     move = player.task("user", "move")
     retry(player, move)
     player.send("user", "guard", under=move, origin=0, watch=WatchOptions())
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(player: ComparedPlayer) -> None:
+def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(
+    player: ComparedPlayer,
+) -> None:
     player.module("arm", "command grip")
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["grip", "note", ""])
     player.request("user", headers.Register, [careful])
@@ -232,7 +266,9 @@ def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(playe
     assert len(player.central.tree.tasks) == 3
 
 
-def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(player: ComparedPlayer) -> None:
+def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(
+    player: ComparedPlayer,
+) -> None:
     walk = player.task("user", "walk")
     player.task("user", "step", under=walk)
     player.reply("legs/1")
@@ -241,7 +277,9 @@ def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(play
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it_then(player: ComparedPlayer) -> None:
+def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it_then(
+    player: ComparedPlayer,
+) -> None:
     walk = player.task("user", "walk")
     player.task("user", "move", flags=Flags.NONE)  # takes the other slot
     player.task("user", "lift", flags=Flags.NONE)  # and waits for one
@@ -280,7 +318,9 @@ def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_i
     assert not player.central.tree.tasks[guard].retrying
 
 
-def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(player: ComparedPlayer) -> None:
+def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(
+    player: ComparedPlayer,
+) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     move = player.task("user", "move", under=walk)
@@ -307,14 +347,18 @@ def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_la
     assert player.central.tree.tasks[TaskId(spared)].killed
 
 
-def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(player: ComparedPlayer) -> None:
+def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(
+    player: ComparedPlayer,
+) -> None:
     player.request("user", headers.Tap, Condition.WHILE_ACHIEVING, "guard", "walk")
     walk = player.task("user", "walk")
     retry(player, walk)
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_once_more_waits_for_the_listener_before_that(player: ComparedPlayer) -> None:
+def test_who_is_handled_once_more_waits_for_the_listener_before_that(
+    player: ComparedPlayer,
+) -> None:
     move = TaskId(player.task("user", "move"))
     player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "lift", task=move)
     player.task("user", "move", flags=Flags.NONE)  # takes the other slot
@@ -350,7 +394,9 @@ def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: Compared
     assert len(player.central.tree.tasks) == 3
 
 
-def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(player: ComparedPlayer) -> None:
+def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(
+    player: ComparedPlayer,
+) -> None:
     attachment = Attachment("", "recover")
     player.request("user", headers.Attach, attachment)
     player.task("user", "walk")
@@ -360,7 +406,9 @@ def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_pl
     assert len(player.central.tree.tasks) == 4
 
 
-def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(player: ComparedPlayer) -> None:
+def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(
+    player: ComparedPlayer,
+) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     player.fail("legs/1", "slipped")
@@ -374,7 +422,9 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(pla
     assert not player.central.tree.tasks
 
 
-def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(player: ComparedPlayer) -> None:
+def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(
+    player: ComparedPlayer,
+) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     retry(player, walk)
@@ -384,7 +434,9 @@ def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_en
     assert not player.history.tasks[TaskId(walk)].is_recovering
 
 
-def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(player: ComparedPlayer) -> None:
+def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(
+    player: ComparedPlayer,
+) -> None:
     walk = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.send("user", "step", under=walk, when_killed=True)
     player.request("user", headers.Kill, TaskId(walk))
@@ -399,14 +451,18 @@ class Told(Blocking):
             assert not told or several_in_words(told)
             assert ends.end_of(place) is not None
             if task.slot is None and task.queues is None:
-                self.compare_with_graph(place, {wait.number for wait in told}, sum(wait.more for wait in told))
+                self.compare_with_graph(
+                    place, {wait.number for wait in told}, sum(wait.more for wait in told)
+                )
                 assert told or not self.awaited(place)
 
     def compare_with_graph(self, place: Place, told: set[int], more: int) -> None:
         awaited = self.awaited(place)
         suspended = set(self.central.tree.suspended)
         assert told - {0} <= awaited | suspended
-        assert awaited <= told or (more and len(told) >= NAMED), f"{place}: {awaited} and not {told}"
+        assert awaited <= told or (more and len(told) >= NAMED), (
+            f"{place}: {awaited} and not {told}"
+        )
 
     def awaited(self, place: Place) -> set[int]:
         """The other tasks that the graph names, from point to point of the task itself."""

@@ -19,7 +19,9 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--lives", type=int, default=1000)
     parser.add_argument("--stop-after", type=int, default=5)
-    parser.add_argument("--digests", action="store_true", help="of each life: two are the same if these are")
+    parser.add_argument(
+        "--digests", action="store_true", help="of each life: two are the same if these are"
+    )
     parser.add_argument("--trace", action="store_true")
     arguments = parser.parse_args()
     logging.getLogger("tca.central").disabled = not arguments.trace
@@ -58,7 +60,9 @@ def main() -> int:
             }
         )
     seconds = time.process_time() - began
-    print(f"{counts['lives']} lives in {seconds:.1f} s: {counts['lives'] / seconds:.0f} a second; {broken} broken")
+    print(
+        f"{counts['lives']} lives in {seconds:.1f} s: {counts['lives'] / seconds:.0f} a second; {broken} broken"
+    )
     print(", ".join(f"{name} {number}" for name, number in sorted(counts.items())))
     return bool(broken)
 

@@ -47,7 +47,7 @@ class Clockwork:
         """Some seconds."""
         return low + (high - low) * self.dice.random()
 
-    # --- what has happened -------------------------------------------------------------------------------------------
+    # --- what has happened ------------------------------------------------------------------------
 
     @property
     def is_told(self) -> bool:
@@ -76,7 +76,9 @@ def shown(header: msgspec.Struct) -> str:
     names = header.__struct_fields__
     defaults = dict(zip(names[len(names) - len(usual) :], usual, strict=True))
     fields = [
-        f"{name}={_short(value)}" for name in names if (value := getattr(header, name)) != defaults.get(name, _NONE)
+        f"{name}={_short(value)}"
+        for name in names
+        if (value := getattr(header, name)) != defaults.get(name, _NONE)
     ]
     return f"{type(header).__name__}({', '.join(fields)})"
 

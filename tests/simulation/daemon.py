@@ -1,8 +1,9 @@
-"""Central's process: the core, the daemon's own logs on a disk that fails, and the turns of its loop.
+"""Central's process: the core, the daemon's own logs on a disk that fails, and the turns of its
+loop.
 
-A turn takes some packets, writes each to the log, lets the core have it, flushes the log, and only then sends what
-follows from it. It may end at any of these steps. What is there afterwards is what the disk has: the daemon's own code
-continues from that, many times on one journal.
+A turn takes some packets, writes each to the log, lets the core have it, flushes the log, and only
+then sends what follows from it. It may end at any of these steps. What is there afterwards is what
+the disk has: the daemon's own code continues from that, many times on one journal.
 """
 
 from collections import deque
@@ -54,7 +55,11 @@ class Daemon:
     """Central, as long as the town lives: it crashes, and comes again."""
 
     def __init__(
-        self, clockwork: Clockwork, network: Network, options: Options, publish: Callable[[list[Entry]], None]
+        self,
+        clockwork: Clockwork,
+        network: Network,
+        options: Options,
+        publish: Callable[[list[Entry]], None],
     ) -> None:
         self._clockwork, self._network, self._options = clockwork, network, options
         self._publish = publish  #: what is in the journal for good
@@ -75,12 +80,16 @@ class Daemon:
         self._entries: list[Entry] = []
         self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
         self._wake_at = float("inf")
-        self.take_back: Callable[[list[Entry]], None] = lambda _: None  #: the journal has no more than this
-        self.is_gone: Callable[[str], bool] = lambda _: False  #: whether the process of an incarnation has ended
+        self.take_back: Callable[[list[Entry]], None] = lambda _: (
+            None
+        )  #: the journal has no more than this
+        self.is_gone: Callable[[str], bool] = lambda _: (
+            False
+        )  #: whether the process of an incarnation has ended
         self._next_beat, self._next_sweep = BEAT_PERIOD, SWEEP_PERIOD
         network.central = self
 
-    # --- the process -------------------------------------------------------------------------------------------------
+    # --- the process ------------------------------------------------------------------------------
 
     def start(self) -> None:
         """The process begins: with what the disk has."""
@@ -122,14 +131,23 @@ class Daemon:
         core = self.core = run.central
         self._compare(run)
         self._began = clockwork.now - core.clock.now
-        self._next_beat, self._next_sweep = core.clock.now + BEAT_PERIOD, core.clock.now + SWEEP_PERIOD
+        self._next_beat, self._next_sweep = (
+            core.clock.now + BEAT_PERIOD,
+            core.clock.now + SWEEP_PERIOD,
+        )
         clockwork.say("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
         folder.open(self, options.sync, hold=options.hold and not is_new)
         assert self.log is not None
         self.log.images = None  # see ``_take_image``
         if options.sees_processes:
-            for connection in [one for one in core.hold.awaited if self.is_gone(one.module.incarnation)]:
-                self.take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
+            for connection in [
+                one for one in core.hold.awaited if self.is_gone(one.module.incarnation)
+            ]:
+                self.take(
+                    ConnectionLost(
+                        self.now, connection.id, "its process had ended when central came back"
+                    )
+                )
 
     def _refused(self, error: CentralError) -> None:
         """The disk is full, and will be for a while; nothing else stops a restart."""
@@ -154,8 +172,12 @@ class Daemon:
         if any(one != other for one, other in zip(before[known:], run.missing, strict=False)):
             raise Broken("what was replayed is not what happened")
         now = before[:known] + run.missing
-        if len(now) < self._safe or (len(now) < len(self.journal) and not (self._options.is_lossy and run.may_lack)):
-            raise Broken(f"of {len(self.journal)} entries, {self._safe} of them synced, {len(now)} are left")
+        if len(now) < self._safe or (
+            len(now) < len(self.journal) and not (self._options.is_lossy and run.may_lack)
+        ):
+            raise Broken(
+                f"of {len(self.journal)} entries, {self._safe} of them synced, {len(now)} are left"
+            )
         if len(now) < len(self.journal):
             del self.journal[len(now) :]
             self.take_back(self.journal)
@@ -194,7 +216,12 @@ class Daemon:
         clockwork, options = self._clockwork, self._options
         is_cut = power and clockwork.chance(options.power_cuts)
         is_all_there = not (self._entries or self._is_half or is_cut)
-        is_compared = is_all_there and self.core is not None and may_be_taken(self.core) and clockwork.chance(0.1)
+        is_compared = (
+            is_all_there
+            and self.core is not None
+            and may_be_taken(self.core)
+            and clockwork.chance(0.1)
+        )
         self._expected = self.core if is_compared else None
         self._perhaps += self._entries
         self.disk.kill()
@@ -215,7 +242,9 @@ class Daemon:
     def _fault(self) -> None:
         """A step in which it may crash."""
         self.steps += 1
-        if self.steps == self._options.crash_at or self._clockwork.chance(self._options.central_crashes):
+        if self.steps == self._options.crash_at or self._clockwork.chance(
+            self._options.central_crashes
+        ):
             raise Crash
 
     @property
@@ -224,7 +253,7 @@ class Daemon:
         now = self._clockwork.now - self._began
         return now if self.core is None else max(now, self.core.clock.now)  # it was rounded
 
-    # --- what comes --------------------------------------------------------------------------------------------------
+    # --- what comes -------------------------------------------------------------------------------
 
     def arrive(self, wire: Wire, packet: bytes) -> None:
         """A packet is there."""
@@ -300,11 +329,15 @@ class Daemon:
         self._next_beat = self.now + BEAT_PERIOD
         if core.untold:
             yield TellAll(self.now)
-        for connection in [one for one in core.registry.connections.values() if is_sweep or one.outstanding]:
-            if connection not in core.hold.awaited and not self._network.carry_down(connection.id, _BEAT):
+        for connection in [
+            one for one in core.registry.connections.values() if is_sweep or one.outstanding
+        ]:
+            if connection not in core.hold.awaited and not self._network.carry_down(
+                connection.id, _BEAT
+            ):
                 self._closed.append(connection.id)
 
-    # --- what follows ------------------------------------------------------------------------------------------------
+    # --- what follows -----------------------------------------------------------------------------
 
     def take(self, event: Input) -> None:
         """Write an input, and let it happen."""
@@ -352,7 +385,9 @@ class Daemon:
             self._fault()
             for _, packet in codec.packets(items):
                 self._clockwork.note(packet)
-                if not connection.startswith(AWAY) and not self._network.carry_down(connection, packet):
+                if not connection.startswith(AWAY) and not self._network.carry_down(
+                    connection, packet
+                ):
                     self._closed.append(connection)
         self._fault()
 

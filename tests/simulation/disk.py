@@ -1,7 +1,9 @@
-"""The folder of a journal on a disk that fails: what was written survives a kill, what was synced survives a power cut.
+"""The folder of a journal on a disk that fails: what was written survives a kill, what was synced
+survives a power cut.
 
-The files are real ones, and the daemon's own code writes, shortens and removes them. Beneath it ``os.write`` and
-``os.fsync`` note what is safe, let the process crash before and after each step, and have no more room than there is.
+The files are real ones, and the daemon's own code writes, shortens and removes them. Beneath it
+``os.write`` and ``os.fsync`` note what is safe, let the process crash before and after each step,
+and have no more room than there is.
 """
 
 import contextlib
@@ -40,7 +42,10 @@ class Disk:
         self._boot.write_text("0")
         self._own = os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD
         os.write, os.fsync, os.fdatasync = self._write, self._sync, self._sync  # type: ignore[assignment]
-        input_log.BOOT, log_writer.SYNC_PERIOD = self._boot, _NEVER  # no thread syncs at a time of its own
+        input_log.BOOT, log_writer.SYNC_PERIOD = (
+            self._boot,
+            _NEVER,
+        )  # no thread syncs at a time of its own
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -48,7 +53,7 @@ class Disk:
         os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD = self._own
         shutil.rmtree(self._place)
 
-    # --- beneath the daemon ------------------------------------------------------------------------------------------
+    # --- beneath the daemon -----------------------------------------------------------------------
 
     def _write(self, file: int, data: Any) -> int:
         if not self._has(file):
@@ -95,7 +100,7 @@ class Disk:
     def _there(self) -> dict[str, int]:
         return {entry.name: entry.inode() for entry in os.scandir(self.folder)}
 
-    # --- what happens to it ------------------------------------------------------------------------------------------
+    # --- what happens to it -----------------------------------------------------------------------
 
     def sync(self) -> None:
         """All is safe."""
@@ -116,8 +121,8 @@ class Disk:
                     os.close(int(name))
 
     def cut_power(self) -> None:
-        """Of what was not synced some is there, to any byte, perhaps with zeros after it; a name may be there, or not;
-        what was shortened or removed may be as before.
+        """Of what was not synced some is there, to any byte, perhaps with zeros after it; a name
+        may be there, or not; what was shortened or removed may be as before.
         """
         self.boots += 1
         self._boot.write_text(str(self.boots))
@@ -138,4 +143,6 @@ class Disk:
         if not now.startswith(safe):
             return safe if self.dice.random() < 0.5 else now  # it was shortened
         zeros = self.dice.choice((0, 0, 0, self.dice.randint(0, 40), self.dice.randint(0, 10_000)))
-        return now[: self.dice.randint(len(safe), len(now))] + bytes(zeros if len(safe) < len(now) else 0)
+        return now[: self.dice.randint(len(safe), len(now))] + bytes(
+            zeros if len(safe) < len(now) else 0
+        )

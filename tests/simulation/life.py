@@ -1,4 +1,6 @@
-"""One life of a town: faults, then none, then everything has come to its end; or a promise is broken."""
+"""One life of a town: faults, then none, then everything has come to its end; or a promise is
+broken.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,10 +29,14 @@ _CHILD_OF_SEED = 0x9E3779B97F4A7C15
 class Life:
     """A town from a seed."""
 
-    def __init__(self, seed: int, options: Options | None = None, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, seed: int, options: Options | None = None, tell: Callable[[str], None] | None = None
+    ) -> None:
         self.seed = seed
         self.clockwork = Clockwork(seed, tell=tell)
-        self.options = options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
+        self.options = (
+            options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
+        )
         self.outside = Outside(self.clockwork, is_lossy=self.options.is_lossy)
         self.network = Network(self.clockwork, self.options)
         self.daemon = Daemon(self.clockwork, self.network, self.options, self.outside.publish)
@@ -40,7 +46,9 @@ class Life:
         self.started: dict[str, int] = {}
         self.is_healing = False
         self.crashes = 0
-        self.programs: dict[str, Program] = {name: TownProgram(name, self.options, self.outside) for name in MODULES}
+        self.programs: dict[str, Program] = {
+            name: TownProgram(name, self.options, self.outside) for name in MODULES
+        }
         for number in range(self.options.users):
             self.programs[f"user{number}"] = User(f"user{number}", self.options, self.outside)
 
@@ -63,12 +71,15 @@ class Life:
                 until = NEVER
             elif until == NEVER:
                 until = self.clockwork.now + LAST_WORDS
-            if not self.clockwork.step() or self.clockwork.now > self.options.seconds + HEALED_WITHIN:
+            if (
+                not self.clockwork.step()
+                or self.clockwork.now > self.options.seconds + HEALED_WITHIN
+            ):
                 raise Broken(f"not over: {self._what_is_left()}")
         self._judge()
         return self
 
-    # --- faults ------------------------------------------------------------------------------------------------------
+    # --- faults -----------------------------------------------------------------------------------
 
     def _plan_faults(self) -> None:
         options, clockwork = self.options, self.clockwork
@@ -87,9 +98,13 @@ class Life:
     def _start(self, name: str) -> None:
         self.started[name] = self.started.get(name, 0) + 1
         self.processes[name] = Process(
-            self.clockwork, self.network, self.outside, self.programs[name], self.started[name],
+            self.clockwork,
+            self.network,
+            self.outside,
+            self.programs[name],
+            self.started[name],
             lambda: self._end(name),
-        )  # fmt: skip
+        )
 
     def _crash(self) -> None:
         alive = [name for name, process in self.processes.items() if process.is_alive]
@@ -121,7 +136,7 @@ class Life:
         elif self.processes[name] is process:
             self._start(name)
 
-    # --- the end -----------------------------------------------------------------------------------------------------
+    # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
         self.clockwork.say("life", "no faults from now on")
@@ -133,7 +148,9 @@ class Life:
         self._start("janitor")
 
     def _is_gone(self, incarnation: str) -> bool:
-        return all(one.incarnation != incarnation or not one.is_alive for one in self.processes.values())
+        return all(
+            one.incarnation != incarnation or not one.is_alive for one in self.processes.values()
+        )
 
     def _suspended(self) -> list[TaskId]:
         assert self.daemon.core is not None
@@ -141,7 +158,12 @@ class Life:
 
     def _is_over(self) -> bool:
         core = self.daemon.core
-        if core is None or not self.network.is_listening or core.tree.tasks or core.dispatcher.running:
+        if (
+            core is None
+            or not self.network.is_listening
+            or core.tree.tasks
+            or core.dispatcher.running
+        ):
             return False
         processes = self.processes.values()
         if len(self.processes) < len(self.programs) or not all(
@@ -152,21 +174,28 @@ class Life:
 
     def _is_idle(self, process: Process) -> bool:
         return all(
-            not thread.stack and thread.session.is_welcome and not thread.session.ahead for thread in process.threads
+            not thread.stack and thread.session.is_welcome and not thread.session.ahead
+            for thread in process.threads
         )
 
     def _what_is_left(self) -> Any:
         core = self.daemon.core
         left = [str(task) for task in core.tree.tasks.values()] if core is not None else []
-        waiting = [f"{thread.name}: {work.delivery}, waits for {work.request and work.request.header}"
-                   for process in self.processes.values() for thread in process.threads for work in thread.stack]  # fmt: skip
+        waiting = [
+            f"{thread.name}: {work.delivery}, waits for {work.request and work.request.header}"
+            for process in self.processes.values()
+            for thread in process.threads
+            for work in thread.stack
+        ]
         strangers = [
             thread.name
             for process in self.processes.values()
             for thread in process.threads
             if not thread.session.is_welcome
         ]
-        gone = [name for name, one in self.processes.items() if not one.is_alive or not one.has_finished]
+        gone = [
+            name for name, one in self.processes.items() if not one.is_alive or not one.has_finished
+        ]
         return left, waiting, strangers, gone
 
     def _judge(self) -> None:
@@ -176,7 +205,9 @@ class Life:
         check_invariants(core)
         for token, task in outside.task_of.items():
             if task not in outside.known and not self.options.is_lossy:
-                raise Broken(f"token {token} was acknowledged as task {task}, which central does not know")
+                raise Broken(
+                    f"token {token} was acknowledged as task {task}, which central does not know"
+                )
             self._judge_task(token, task)
         self._judge_informs()
         if (wrong := checked([OPENED, *self.daemon.journal])) != []:
@@ -194,20 +225,33 @@ class Life:
         runs = outside.of_token[token]
         is_done = outcome is not None and outcome[0] is Outcome.DONE and not outcome[1]
         if is_done and not any(run.ended >= 0 and not run.failure for run in runs):
-            raise Broken(f"task {task} (token {token}) is done, and no handler has done it: {[*map(str, runs)]}")
+            raise Broken(
+                f"task {task} (token {token}) is done, and no handler has done it: {[*map(str, runs)]}"
+            )
         is_told = token in outside.told and not self.options.is_lossy
         if is_told and outcome is not None and outside.told[token][0] is not outcome[0]:
-            raise Broken(f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.told[token]}")
+            raise Broken(
+                f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.told[token]}"
+            )
 
     def _judge_informs(self) -> None:
         """What did not arrive was counted."""
         outside = self.outside
-        alive = {thread.session for process in self.processes.values() for thread in process.threads}
+        alive = {
+            thread.session for process in self.processes.values() for thread in process.threads
+        }
         heard = {token for tokens in outside.heard.values() for token in tokens}
         missing = sum(
-            token not in heard for sender, tokens in outside.informs.items() if sender in alive for token in tokens
+            token not in heard
+            for sender, tokens in outside.informs.items()
+            if sender in alive
+            for token in tokens
         )
-        counted = sum(sender.lost for sender in alive) + outside.dropped + outside.counts["lost by module"]
+        counted = (
+            sum(sender.lost for sender in alive)
+            + outside.dropped
+            + outside.counts["lost by module"]
+        )
         if missing > counted and not self.options.is_lossy:
             raise Broken(f"{missing} informs did not arrive, and {counted} are known to be lost")
         outside.counts["informs missing"] += missing

@@ -43,8 +43,8 @@ def difference(one: Central, other: Central) -> str:
 
 
 def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
-    """What a thing consists of, each with its name or place. What is void in heaps matters to nobody: it goes when
-    somebody looks, as checks do.
+    """What a thing consists of, each with its name or place. What is void in heaps matters to
+    nobody: it goes when somebody looks, as checks do.
     """
     if isinstance(thing, Clock):
         yield "now", thing.now

@@ -1,7 +1,9 @@
-"""The lines between modules and central, as ZeroMQ has them: in order, and lost without a word when they break.
+"""The lines between modules and central, as ZeroMQ has them: in order, and lost without a word when
+they break.
 
-A line is a new routing id each time it is there. Nobody is told that it broke: central sees that sooner or later or,
-where a process lives on and comes back, perhaps never; a module finds that nothing leaves, or that central does not know it.
+A line is a new routing id each time it is there. Nobody is told that it broke: central sees that
+sooner or later or, where a process lives on and comes back, perhaps never; a module finds that
+nothing leaves, or that central does not know it.
 """
 
 from typing import Protocol
@@ -46,7 +48,9 @@ class Wire:
         self.id = number
         self.socket = socket
         self.carries_up = self.carries_down = True
-        self.up_at = self.down_at = now  #: when the newest packet is there that is on its way to central, and back
+        self.up_at = self.down_at = (
+            now  #: when the newest packet is there that is on its way to central, and back
+        )
 
 
 class Socket:
@@ -62,7 +66,9 @@ class Socket:
         return self.wire is not None and self.network.carry_up(self.wire, packet)
 
     def close(self) -> None:
-        """The socket is closed, or its process gone: central sees that in time. What has left still arrives."""
+        """The socket is closed, or its process gone: central sees that in time. What has left still
+        arrives.
+        """
         self.is_closed = True
         wire, self.wire = self.wire, None
         if wire is not None:
@@ -102,12 +108,14 @@ class Network:
             self._connect_soon(socket)
             return
         self._numbers += 1
-        wire = socket.wire = Wire(ConnectionId(b"\0%d" % self._numbers), socket, self._clockwork.now)
+        wire = socket.wire = Wire(
+            ConnectionId(b"\0%d" % self._numbers), socket, self._clockwork.now
+        )
         self.wires[wire.id] = wire
         self.carry_up(wire, PROBE)
         socket.owner.has_line()
 
-    # --- packets -----------------------------------------------------------------------------------------------------
+    # --- packets ----------------------------------------------------------------------------------
 
     def carry_up(self, wire: Wire, packet: bytes) -> bool:
         """A packet is on its way to central."""
@@ -132,7 +140,7 @@ class Network:
         if wire.carries_down and wire.socket.wire is wire:
             wire.socket.owner.hear(packet)
 
-    # --- faults ------------------------------------------------------------------------------------------------------
+    # --- faults -----------------------------------------------------------------------------------
 
     def break_one(self) -> None:
         """A line breaks: what is on the way in either direction is lost."""
@@ -146,8 +154,12 @@ class Network:
         clockwork.say(wire.socket.owner.name, f"line {_words(wire.id)} breaks")
         wire.carries_up = wire.carries_down = False
         wire.socket.wire = None
-        if clockwork.chance(0.5):  # else it swallows what is sent there, until the operating system gives it up
-            self._end(wire) if clockwork.chance(0.5) else clockwork.after(clockwork.between(0.0, 0.5), self._end, wire)
+        if clockwork.chance(
+            0.5
+        ):  # else it swallows what is sent there, until the operating system gives it up
+            self._end(wire) if clockwork.chance(0.5) else clockwork.after(
+                clockwork.between(0.0, 0.5), self._end, wire
+            )
         else:
             clockwork.after(clockwork.between(0.0, self._options.half_open), self._end, wire)
         self._connect_soon(wire.socket)
@@ -166,7 +178,9 @@ class Network:
             self.central.see_closed(wire.id)
 
     def lose_central(self) -> None:
-        """Central's process is gone, and all lines with it. Modules may still get what was on its way."""
+        """Central's process is gone, and all lines with it. Modules may still get what was on its
+        way.
+        """
         self.is_listening = False
         self._numbers *= not self._options.ids_again
         for wire in self.wires.values():
@@ -174,7 +188,9 @@ class Network:
             if wire.socket.wire is wire:
                 is_lost = self._clockwork.chance(0.5)
                 self._clockwork.after(
-                    0.0 if is_lost else max(wire.down_at - self._clockwork.now, 0.0), self._drop, wire
+                    0.0 if is_lost else max(wire.down_at - self._clockwork.now, 0.0),
+                    self._drop,
+                    wire,
                 )
         self.wires.clear()
 

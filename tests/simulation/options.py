@@ -28,7 +28,9 @@ class Options(msgspec.Struct):
     power_cuts: float = 0.0
     """The chance that a crash of central loses what was not synced."""
     full_disks: float = 0.0
-    """The chance in each turn that the disk is full from now on, until central has failed on it for a while."""
+    """The chance in each turn that the disk is full from now on, until central has failed on it for
+    a while.
+    """
     sync: Sync = Sync.ALWAYS
     hold: bool = False
     """After a restart of central no task starts before somebody says so."""
@@ -74,7 +76,9 @@ FEATURES = (
 
 
 def drawn(dice: random.Random) -> Options:
-    """Some faults and some features: what is left out gives the others more room (swarm testing)."""
+    """Some faults and some features: what is left out gives the others more room (swarm
+    testing).
+    """
     some = dice.random
     options = Options(
         seconds=dice.choice((4.0, 4.0, 8.0, 16.0)),
@@ -99,7 +103,9 @@ def drawn(dice: random.Random) -> Options:
         failures=dice.choice((0.0, 0.1, 0.3)),
         features=frozenset(one for one in FEATURES if some() < 0.5),
         checks_each=dice.choice((1, 16, 16, 64)),
-    )  # fmt: skip
-    if options.is_lossy:  # a release that central forgets leaves a lock that nobody has: docs/reliability.md
+    )
+    if (
+        options.is_lossy
+    ):  # a release that central forgets leaves a lock that nobody has: docs/reliability.md
         options.features -= {"lock"}
     return options

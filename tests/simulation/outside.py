@@ -1,8 +1,9 @@
-"""The world outside of all processes, which no crash undoes: what handlers did, and what was promised to whom.
+"""The world outside of all processes, which no crash undoes: what handlers did, and what was
+promised to whom.
 
-Everything that programs send bears a token of its own as data. What is checked here is what a user is promised
-(docs/reliability.md): nothing acknowledged is lost, no command begins twice without being told, order, exclusion, and
-that results are what handlers returned.
+Everything that programs send bears a token of its own as data. What is checked here is what a user
+is promised (docs/reliability.md): nothing acknowledged is lost, no command begins twice without
+being told, order, exclusion, and that results are what handlers returned.
 """
 
 from collections import defaultdict
@@ -25,27 +26,43 @@ LOSSES = frozenset((MODULE_LOST, UNCERTAIN))
 class Run:
     """One run of a handler, as seen from outside."""
 
-    __slots__ = ("began", "delivery", "ended", "failure", "is_lost", "message", "module", "process", "reply", "resource",
-                 "task", "token")  # fmt: skip
+    __slots__ = (
+        "began",
+        "delivery",
+        "ended",
+        "failure",
+        "is_lost",
+        "message",
+        "module",
+        "process",
+        "reply",
+        "resource",
+        "task",
+        "token",
+    )
 
     def __init__(self, work: Work, header: headers.Deliver, token: int, began: float) -> None:
         thread = work.thread
-        self.process, self.module, self.resource = thread.process, thread.session.module, thread.resource
+        self.process, self.module, self.resource = (
+            thread.process,
+            thread.session.module,
+            thread.resource,
+        )
         self.message, self.delivery, self.task = header.message, header.delivery, int(header.task)
         self.token, self.began = token, began
         self.ended = -1.0  #: below 0: it has not
         self.reply = b""
         self.failure = ""
-        self.is_lost = False  #: its process is gone, or central has given its connection up: all may know that
+        self.is_lost = (
+            False  #: its process is gone, or central has given its connection up: all may know that
+        )
 
     @property
     def goes_on(self) -> bool:
         return self.ended < 0 and not self.is_lost
 
     def __str__(self) -> str:
-        return (
-            f"'{self.message}' (token {self.token}, task {self.task}, delivery {self.delivery}) in {self.process.name}"
-        )
+        return f"'{self.message}' (token {self.token}, task {self.task}, delivery {self.delivery}) in {self.process.name}"
 
 
 class Sent(NamedTuple):
@@ -84,8 +101,12 @@ class Outside:
         self.of_task: defaultdict[int, list[Run]] = defaultdict(list)
         self.deliveries: dict[int, Run] = {}
         self.task_of: dict[int, int] = {}  #: by token, as whoever sent it was told
-        self.asked_again: defaultdict[int, int] = defaultdict(int)  #: by task: how often a retry was asked for
-        self.told: dict[int, tuple[Outcome, str, bytes]] = {}  #: by token: what whoever waited was told in the end
+        self.asked_again: defaultdict[int, int] = defaultdict(
+            int
+        )  #: by task: how often a retry was asked for
+        self.told: dict[
+            int, tuple[Outcome, str, bytes]
+        ] = {}  #: by token: what whoever waited was told in the end
         self.informs: dict[Any, list[int]] = {}  #: by sender: the tokens, in order
         self.heard: defaultdict[tuple[Any, str], list[int]] = defaultdict(list)
         self.sender_of: dict[int, Any] = {}
@@ -109,10 +130,15 @@ class Outside:
     def say(self, who: str, what: object) -> None:
         self.clockwork.say(who, what)
 
-    # --- what programs do --------------------------------------------------------------------------------------------
+    # --- what programs do -------------------------------------------------------------------------
 
     def sends(
-        self, message: str, above: int = 0, after: tuple[int, ...] = (), not_before: float = 0.0, sender: Any = None
+        self,
+        message: str,
+        above: int = 0,
+        after: tuple[int, ...] = (),
+        not_before: float = 0.0,
+        sender: Any = None,
     ) -> int:
         """Somebody sends something: its token."""
         self.tokens += 1
@@ -146,24 +172,35 @@ class Outside:
         if outcome is Outcome.DONE and not failure:
             done = [run for run in self.of_token[token] if run.ended >= 0 and not run.failure]
             replies = [run.reply for run in done]
-            if not replies or body not in (replies[-1], b"" if replies[-1] == b"\xc0" else replies[-1]):
-                raise Broken(f"token {token} '{self.sent[token].message}': told {body!r}, handlers returned {replies}")
+            if not replies or body not in (
+                replies[-1],
+                b"" if replies[-1] == b"\xc0" else replies[-1],
+            ):
+                raise Broken(
+                    f"token {token} '{self.sent[token].message}': told {body!r}, handlers returned {replies}"
+                )
 
-    # --- what handlers do --------------------------------------------------------------------------------------------
+    # --- what handlers do -------------------------------------------------------------------------
 
     def begin(self, work: Work, header: headers.Deliver, body: bytes) -> None:
         """A handler begins."""
         clockwork, process = self.clockwork, work.thread.process
         value = decode(body) if body else 0
-        token = value if header.context is None and isinstance(value, int) and value in self.sent else 0
+        token = (
+            value if header.context is None and isinstance(value, int) and value in self.sent else 0
+        )
         if token and self.sent[token].message != header.message:
-            raise Broken(f"token {token} of '{self.sent[token].message}' came as '{header.message}'")
+            raise Broken(
+                f"token {token} of '{self.sent[token].message}' came as '{header.message}'"
+            )
         run = Run(work, header, token, clockwork.now)
         self.say(process.name, f"BEGINS {run}")
         clockwork.note(b"begin %d %d" % (header.delivery, token))
         self.counts["begun"] += 1
         earlier = self.deliveries.get(run.delivery)
-        if earlier is not None and not (self.is_lossy and (earlier.token, earlier.task) == (run.token, run.task)):
+        if earlier is not None and not (
+            self.is_lossy and (earlier.token, earlier.task) == (run.token, run.task)
+        ):
             raise Broken(f"{run} begins again, and began as {earlier}")
         if not self.is_lossy:
             self._check_once(run)
@@ -181,9 +218,13 @@ class Outside:
             self._check_order(run, self.sent[token])
         self._check_claims(run, is_nested=len(work.thread.stack) > 0)
 
-    def end(self, work: Work, header: headers.Deliver, body: bytes, failing: Failing | None) -> None:
+    def end(
+        self, work: Work, header: headers.Deliver, body: bytes, failing: Failing | None
+    ) -> None:
         """A handler has ended."""
-        run = self.at_work.pop(work)  # a number may have been given again, where what was accepted may be lost
+        run = self.at_work.pop(
+            work
+        )  # a number may have been given again, where what was accepted may be lost
         run.ended, run.reply = self.clockwork.now, body
         run.failure = failing.failure if failing is not None else ""
         self.say(run.process.name, f"ENDS   {run} {run.failure}")
@@ -205,14 +246,18 @@ class Outside:
         if run.task:
             earlier = self.of_task[run.task]
             if len(earlier) > self.asked_again[run.task]:
-                raise Broken(f"{run} begins, and began before: {earlier[-1]}; retries: {self.asked_again[run.task]}")
+                raise Broken(
+                    f"{run} begins, and began before: {earlier[-1]}; retries: {self.asked_again[run.task]}"
+                )
             if any(one.goes_on for one in earlier):
                 raise Broken(f"{run} begins, while it is handled: {earlier[-1]}")
         elif run.token and not self._is_shared(run.message):
             if self.of_token[run.token]:
                 raise Broken(f"{run} begins, and began before: {self.of_token[run.token][-1]}")
         elif (
-            run.token and run.message != "mode" and any(one.process is run.process for one in self.of_token[run.token])
+            run.token
+            and run.message != "mode"
+            and any(one.process is run.process for one in self.of_token[run.token])
         ):
             raise Broken(f"{run} begins twice in one process")
         if run.token in self.sender_of:
@@ -251,7 +296,9 @@ class Outside:
             yield from self._commands(one)
 
     def _going_on(self, token: int) -> Any:
-        yield from (run for run in self.of_token[token] if run.goes_on and run.task not in self.lost_tasks)
+        yield from (
+            run for run in self.of_token[token] if run.goes_on and run.task not in self.lost_tasks
+        )
         for one in self.under[token]:
             yield from self._going_on(one)
 
@@ -260,7 +307,11 @@ class Outside:
         if self.is_lossy:
             return
         sender = thread.session.module
-        mine = [claim for claim in self.granted.values() if (claim.sender, claim.origin) == (sender, origin)]
+        mine = [
+            claim
+            for claim in self.granted.values()
+            if (claim.sender, claim.origin) == (sender, origin)
+        ]
         ended = [
             at
             for claim, at in self.lock_ended.items()
@@ -281,7 +332,7 @@ class Outside:
             if is_it and not claim.is_reserved and not is_nested:
                 raise Broken(f"{run} begins, and '{run.resource}' is locked by {claim}")
 
-    # --- what the journal says ---------------------------------------------------------------------------------------
+    # --- what the journal says --------------------------------------------------------------------
 
     def take_back(self, journal: list[Entry]) -> None:
         """The journal has no more than this: the rest was lost."""
@@ -333,7 +384,9 @@ class Outside:
         self.dropped += 1
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        self.wanted[fact.id] = Claim(fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin)
+        self.wanted[fact.id] = Claim(
+            fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin
+        )
 
     def _granted(self, fact: facts.Granted) -> None:
         claim = self.granted[fact.id] = self.wanted[fact.id]

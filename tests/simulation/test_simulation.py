@@ -27,7 +27,13 @@ def live(seeds: range) -> dict[str, int]:
 
 def test_whatever_crashes_or_breaks_nothing_is_lost_or_done_twice_and_all_comes_to_an_end() -> None:
     counts = live(range(1, 25))
-    assert min(counts[name] for name in ("acknowledged", "crashes", "died", "lost by module", "locks", "retries")) > 0
+    assert (
+        min(
+            counts[name]
+            for name in ("acknowledged", "crashes", "died", "lost by module", "locks", "retries")
+        )
+        > 0
+    )
 
 
 @pytest.mark.soak
@@ -54,8 +60,22 @@ def test_a_seed_decides_all_in_each_process() -> None:
     digests = [Life(seed).run().clockwork.digest for seed in (1, 2, 3)]
     assert [Life(seed).run().clockwork.digest for seed in (1, 2, 3)] == digests
     root = Path(__file__).parent.parent.parent
-    command = [sys.executable, "-m", "tests.simulation", "--first", "1", "--lives", "3", "--digests"]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.simulation",
+        "--first",
+        "1",
+        "--lives",
+        "3",
+        "--digests",
+    ]
     told = subprocess.run(
-        command, cwd=root, env={**os.environ, "PYTHONHASHSEED": "7"}, capture_output=True, text=True, check=True
+        command,
+        cwd=root,
+        env={**os.environ, "PYTHONHASHSEED": "7"},
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert told.stdout.split()[:3] == digests

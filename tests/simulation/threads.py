@@ -1,8 +1,10 @@
-"""Modules as processes with threads: each has a connection with the library's own session, and runs handlers.
+"""Modules as processes with threads: each has a connection with the library's own session, and runs
+handlers.
 
-A handler is a generator. What it yields is what it does with its time: ``Busy`` (its thread hears nothing), ``Nap`` (its
-thread hears and handles what comes), or a request, until that is over. As in the library, what comes for a thread whose
-handler waits is handled within the wait, and a handler is woken from its wait when its task is killed.
+A handler is a generator. What it yields is what it does with its time: ``Busy`` (its thread hears
+nothing), ``Nap`` (its thread hears and handles what comes), or a request, until that is over. As in
+the library, what comes for a thread whose handler waits is handled within the wait, and a handler
+is woken from its wait when its task is killed.
 """
 
 from collections import deque
@@ -61,7 +63,9 @@ class Lost(Exception):
 
     def __init__(self, request: Request) -> None:
         refused = request.refused
-        super().__init__(f"{refused.refusal}: {refused.text}" if refused is not None else request.lost)
+        super().__init__(
+            f"{refused.refusal}: {refused.text}" if refused is not None else request.lost
+        )
         self.request = request
 
 
@@ -71,7 +75,18 @@ Steps = Generator[Busy | Nap | Wait | Request, None, Any]
 class Work:
     """A handler, or the main program, under way."""
 
-    __slots__ = ("began", "delivery", "open", "request", "session", "since", "steps", "thread", "until", "waits")
+    __slots__ = (
+        "began",
+        "delivery",
+        "open",
+        "request",
+        "session",
+        "since",
+        "steps",
+        "thread",
+        "until",
+        "waits",
+    )
 
     def __init__(self, thread: "Thread", delivery: headers.Deliver | None) -> None:
         self.thread = thread
@@ -94,7 +109,13 @@ class Thread:
         self.name = f"{process.name}/{number}"
         prefetch = PREFETCH if resource else 0
         hello = headers.Hello(
-            0, headers.PROTOCOL_VERSION, process.program.name, process.incarnation, number, resource, prefetch=prefetch
+            0,
+            headers.PROTOCOL_VERSION,
+            process.program.name,
+            process.incarnation,
+            number,
+            resource,
+            prefetch=prefetch,
         )
         self.session = Session(hello, process.attachments)
         self.session.open_deliveries.is_ending = lambda: process.is_leaving
@@ -118,7 +139,7 @@ class Thread:
         """Whether it does not listen."""
         return bool(self.stack) and not self.stack[-1].waits
 
-    # --- the line ----------------------------------------------------------------------------------------------------
+    # --- the line ---------------------------------------------------------------------------------
 
     def hear(self, packet: bytes) -> None:
         """A packet is there."""
@@ -164,7 +185,7 @@ class Thread:
         while self.session.complaints:
             self.clockwork.say(self.name, f"LOGS {self.session.complaints.pop(0)}")
 
-    # --- its turns ---------------------------------------------------------------------------------------------------
+    # --- its turns --------------------------------------------------------------------------------
 
     def look(self) -> None:
         """Do all that can be done now."""
@@ -183,7 +204,9 @@ class Thread:
         if session.outgoing or not session.is_welcome:
             due = min(due, self.now + 0.2)
         if waits:
-            due = min(due, self.stack[-1].until, max(session.heard, self.stack[-1].since) + PATIENCE)
+            due = min(
+                due, self.stack[-1].until, max(session.heard, self.stack[-1].since) + PATIENCE
+            )
         self.wake(due)
 
     def _does_next(self) -> bool:
@@ -230,7 +253,7 @@ class Thread:
             if not (self.is_over or self.is_busy):
                 self.look()
 
-    # --- handlers ----------------------------------------------------------------------------------------------------
+    # --- handlers ---------------------------------------------------------------------------------
 
     def run(self, main: Callable[[Work], Steps]) -> None:
         """Begin with the main program."""
@@ -252,9 +275,14 @@ class Thread:
         """Let a handler go on that has what it waited for; whether it has."""
         request, session = work.request, self.session
         is_over = request.is_over if request is not None else False
-        reason = "" if request is None or not request.waits_for_others or work.open is None else (
-            session.open_deliveries.wake_reason(work.open))  # fmt: skip
-        if reason and (not is_over or (reason == KILLED and request is not None and request.is_ended_by_kill)):
+        reason = (
+            ""
+            if request is None or not request.waits_for_others or work.open is None
+            else (session.open_deliveries.wake_reason(work.open))
+        )
+        if reason and (
+            not is_over or (reason == KILLED and request is not None and request.is_ended_by_kill)
+        ):
             session.open_deliveries.mark_told(work.open)
             self._give_up(work, reason)
         elif is_over:
@@ -304,7 +332,9 @@ class Thread:
             work.request, work.waits = step, True
             work.until = self.now + wait.seconds if wait is not None else FOR_EVER
             if step.is_unannounced:
-                step.is_announced = self.session.post(headers.Await(step.header.number, True, step.header.origin))
+                step.is_announced = self.session.post(
+                    headers.Await(step.header.number, True, step.header.origin)
+                )
         else:
             work.waits = isinstance(step, Nap)
             work.until = self.now + step.seconds
@@ -326,18 +356,23 @@ class Thread:
             self.flush()
             self.process.main_ended()
             return
-        reply: headers.Reply | headers.Fail = headers.Reply(delivery.delivery, self.now - work.began)
+        reply: headers.Reply | headers.Fail = headers.Reply(
+            delivery.delivery, self.now - work.began
+        )
         if failing is None and self.session.open_deliveries.was_told_to_end(delivery.delivery):
             failing = Failing("module lost")
         if failing is not None:
-            reply, body = headers.Fail(delivery.delivery, failing.failure, "why", [], failing.reissue), b"\x07"
+            reply, body = (
+                headers.Fail(delivery.delivery, failing.failure, "why", [], failing.reissue),
+                b"\x07",
+            )
         self.process.outside.end(work, delivery, body, failing)
         with working_on(work.open):
             is_held = self.session.reply(reply, body, self.now)
         if not is_held:
             self.flush()
 
-    # --- its end -----------------------------------------------------------------------------------------------------
+    # --- its end ----------------------------------------------------------------------------------
 
     def _leaves(self) -> bool:
         """Say goodbye, if nothing is left to do; whether it has."""
@@ -383,10 +418,20 @@ class Process:
     """One run of a module."""
 
     def __init__(
-        self, clockwork: Clockwork, network: Network, outside: Any, program: Program, number: int,
+        self,
+        clockwork: Clockwork,
+        network: Network,
+        outside: Any,
+        program: Program,
+        number: int,
         fail: Callable[[], None],
-    ) -> None:  # fmt: skip
-        self.clockwork, self.network, self.outside, self.program = clockwork, network, outside, program
+    ) -> None:
+        self.clockwork, self.network, self.outside, self.program = (
+            clockwork,
+            network,
+            outside,
+            program,
+        )
         self.fail = fail  #: the main program ends with an error: what runs it starts it again
         self.name = f"{program.name}.{number}"
         self.incarnation = f"run {number} of {program.name}"

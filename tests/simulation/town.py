@@ -1,4 +1,6 @@
-"""Who lives in the town: modules that handle goals, commands, questions and failures, and users who want things done."""
+"""Who lives in the town: modules that handle goals, commands, questions and failures, and users who
+want things done.
+"""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -6,7 +8,19 @@ from typing import Any, cast
 import msgspec
 from simulation.options import Options
 from simulation.outside import Outside
-from simulation.threads import Busy, Failing, Lost, Nap, Process, Program, Steps, Thread, Wait, Woken, Work
+from simulation.threads import (
+    Busy,
+    Failing,
+    Lost,
+    Nap,
+    Process,
+    Program,
+    Steps,
+    Thread,
+    Wait,
+    Woken,
+    Work,
+)
 
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
@@ -47,7 +61,20 @@ USED = {
     "planner": ("move", "lift", "where", "note", "watch", "replan"),
     "legs": ("where",),
     "expert": ("move", "walk", "lift", "note"),
-    "user": ("halt", "walk", "step", "move", "lift", "stance", "where", "health", "note", "pose", "mode", "replan"),
+    "user": (
+        "halt",
+        "walk",
+        "step",
+        "move",
+        "lift",
+        "stance",
+        "where",
+        "health",
+        "note",
+        "pose",
+        "mode",
+        "replan",
+    ),
 }
 """What each sends, or attaches to."""
 FAILURES = ("slipped", "stumbled")
@@ -81,17 +108,31 @@ class Hands:
         delay: float = options.pop("delay", 0.0)
         outside, session = self.outside, self.session
         token = outside.sends(
-            message, above, tuple(one.token for one in after), self.thread.now + delay if delay else 0.0
+            message,
+            above,
+            tuple(one.token for one in after),
+            self.thread.now + delay if delay else 0.0,
         )
         constraints = [
-            Constraint(Point(one.node, Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING)) for one in after
+            Constraint(Point(one.node, Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING))
+            for one in after
         ]
         if delay:
             constraints.append(
-                Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(THIS, Moment.START_HANDLING), delay)
+                Constraint(
+                    Point(ROOT, Moment.START_ACHIEVING), Point(THIS, Moment.START_HANDLING), delay
+                )
             )
         parent = self.delivery.task if self.delivery is not None else TaskId(0)
-        header = headers.Send(0, message, parent, self.origin, options.pop("flags", Flags.NONE), constraints, **options)
+        header = headers.Send(
+            0,
+            message,
+            parent,
+            self.origin,
+            options.pop("flags", Flags.NONE),
+            constraints,
+            **options,
+        )
         if session.is_welcome and self.dice.random() < 0.7:
             request = session.send(header, encode(token), message)
         else:
@@ -121,7 +162,9 @@ class Hands:
         """Wait for a task's end. What it came to is told outside."""
         yield from self.known(sent)
         point = Point(TaskId(sent.request.accepted), Moment.END_ACHIEVING)  # type: ignore[arg-type]
-        request = self.session.request(headers.AwaitPoint(0, point, self.origin, blocking=True), wants_answer=True)
+        request = self.session.request(
+            headers.AwaitPoint(0, point, self.origin, blocking=True), wants_answer=True
+        )
         yield request
         answer, body = request.answers[-1]
         self.outside.answered(sent.token, answer.outcome, answer.failure, body)
@@ -149,7 +192,9 @@ class Hands:
     def tell(self, message: str) -> None:
         """Say something to which there is no answer."""
         token = self.outside.sends(message, sender=self.session if message == "note" else None)
-        self.session.post(headers.Send(0, message, origin=self.origin, flags=Flags.NONE), encode(token))
+        self.session.post(
+            headers.Send(0, message, origin=self.origin, flags=Flags.NONE), encode(token)
+        )
         self.thread.flush()
 
     def do(self, header: Any, body: bytes = b"\x00", *, wants_answer: bool = False) -> Request:
@@ -159,7 +204,11 @@ class Hands:
     def passes(self) -> Busy | Nap:
         """Some time."""
         seconds = self.dice.random() * self.options.slow
-        return Nap(seconds) if "later" in self.options.features and self.dice.random() < 0.3 else Busy(seconds)
+        return (
+            Nap(seconds)
+            if "later" in self.options.features and self.dice.random() < 0.3
+            else Busy(seconds)
+        )
 
     @property
     def fails(self) -> bool:
@@ -177,10 +226,15 @@ class TownProgram(Program):
         hands = Hands(self, work)
         session = work.session
         handled = MODULES[self.name]
-        handlers = [HandlerFormat(name, resource) for resource, names in handled.items() for name in names]
+        handlers = [
+            HandlerFormat(name, resource) for resource, names in handled.items() for name in names
+        ]
         formats = [
             FORMATS[name]
-            for name in {**dict.fromkeys(one.message for one in handlers), **dict.fromkeys(USED.get(self.name, ()))}
+            for name in {
+                **dict.fromkeys(one.message for one in handlers),
+                **dict.fromkeys(USED.get(self.name, ())),
+            }
         ]
         yield session.request(headers.Register(0, formats))
         session.declared(formats, [])
@@ -209,7 +263,7 @@ class TownProgram(Program):
         token = self.outside.deliveries.get(header.delivery)
         return steps(hands, header, token)
 
-    # --- handlers ----------------------------------------------------------------------------------------------------
+    # --- handlers ---------------------------------------------------------------------------------
 
 
 def _token(hands: Hands, header: headers.Deliver) -> int:
@@ -247,10 +301,16 @@ def _plans(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
     token = _token(hands, header)
     dice, before = hands.dice, []  # type: ignore[var-annotated]
     for _number in range(dice.choice((1, 2, 3))):
-        message = "step" if header.message == "walk" and dice.random() < 0.3 else dice.choice(("move", "lift"))
+        message = (
+            "step"
+            if header.message == "walk" and dice.random() < 0.3
+            else dice.choice(("move", "lift"))
+        )
         options = _options(hands)
         if dice.random() < 0.5:
-            options["flags"] = Flags.SEQ_ACH | (Flags.DELAY_PLANNING if dice.random() < 0.3 else Flags.NONE)
+            options["flags"] = Flags.SEQ_ACH | (
+                Flags.DELAY_PLANNING if dice.random() < 0.3 else Flags.NONE
+            )
         else:
             options["after"] = before[-1:]
         sent = hands.task(message, token, **options)
@@ -293,7 +353,13 @@ def _locks(hands: Hands) -> Steps:
     """Lock a resource of another module for a while."""
     request = hands.do(
         headers.Lock(
-            0, "eye", "eye", origin=hands.origin, timeout=2.0, blocking=True, reserve=hands.dice.random() < 0.3
+            0,
+            "eye",
+            "eye",
+            origin=hands.origin,
+            timeout=2.0,
+            blocking=True,
+            reserve=hands.dice.random() < 0.3,
         ),
         wants_answer=True,
     )
@@ -343,7 +409,7 @@ _HANDLERS: dict[str, Callable[..., Steps]] = {
 }
 
 
-# --- users -----------------------------------------------------------------------------------------------------------
+# --- users ----------------------------------------------------------------------------------------
 
 
 class User(TownProgram):
@@ -357,8 +423,13 @@ class User(TownProgram):
     def begin(self, process: Process, work: Work) -> Steps:
         hands, dice = Hands(self, work), work.thread.clockwork.dice
         session = work.session
-        known = [sent for sent in self.open if sent.request.accepted is not None]  # of a run that has crashed
-        self.open = [SentTask(sent.token, sent.request, TaskId(int(sent.request.accepted or 0))) for sent in known]
+        known = [
+            sent for sent in self.open if sent.request.accepted is not None
+        ]  # of a run that has crashed
+        self.open = [
+            SentTask(sent.token, sent.request, TaskId(int(sent.request.accepted or 0)))
+            for sent in known
+        ]
         formats = [FORMATS[name] for name in USED["user"]]
         yield session.request(headers.Register(0, formats))
         session.declared(formats, [])
@@ -421,7 +492,13 @@ class User(TownProgram):
         if what == "constrain":
             yield hands.do(
                 headers.Constrain(
-                    0, [Constraint(Point(first, Moment.END_ACHIEVING), Point(second, Moment.START_ACHIEVING))]
+                    0,
+                    [
+                        Constraint(
+                            Point(first, Moment.END_ACHIEVING),
+                            Point(second, Moment.START_ACHIEVING),
+                        )
+                    ],
                 )
             )
             hands.outside.orders(one.token, other.token)
@@ -431,7 +508,11 @@ class User(TownProgram):
         elif what == "deadline":
             yield hands.do(headers.Deadline(0, Point(first, Moment.END_ACHIEVING), 2.0))
         elif what == "kill after":
-            yield hands.do(headers.Kill(0, first, "planned", after=Point(second, Moment.END_ACHIEVING), delay=0.1))
+            yield hands.do(
+                headers.Kill(
+                    0, first, "planned", after=Point(second, Moment.END_ACHIEVING), delay=0.1
+                )
+            )
         else:
             yield hands.do(headers.Send(0, "halt", first, flags=Flags.NONE, when_killed=True))
 
@@ -483,7 +564,9 @@ class User(TownProgram):
 class Janitor(TownProgram):
     """Resumes what those have suspended who have crashed since."""
 
-    def __init__(self, options: Options, outside: Outside, suspended: Callable[[], list[TaskId]]) -> None:
+    def __init__(
+        self, options: Options, outside: Outside, suspended: Callable[[], list[TaskId]]
+    ) -> None:
         super().__init__("janitor", options, outside)
         self.suspended = suspended
 

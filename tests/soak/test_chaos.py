@@ -27,6 +27,9 @@ def test_nothing_is_lost_and_nothing_is_done_twice(
     judge = Judge(tmp_path)
     counts: Counter[str] = life.counts + judge.counts
     with capsys.disabled():
-        print(f"\nseed {seed}:", ", ".join(f"{name} {count}" for name, count in sorted(counts.items())))
+        print(
+            f"\nseed {seed}:",
+            ", ".join(f"{name} {count}" for name, count in sorted(counts.items())),
+        )
     assert not judge.wrong
     assert counts["kills of central"] == KILLS

@@ -1,5 +1,6 @@
-"""A robot goes on and on, and central stays as big as it is. What central remembers on purpose (outcomes of ended tasks,
-answers of lost connections) is bounded, and full when the first look is taken.
+"""A robot goes on and on, and central stays as big as it is. What central remembers on purpose
+(outcomes of ended tasks, answers of lost connections) is bounded, and full when the first look is
+taken.
 """
 
 import sys
@@ -17,9 +18,13 @@ from tca_wire.packets import headers
 from tca_wire.points import TaskId
 
 FIRST, MONTH = 200_000, 2_600_000
-"""Events: a second each, so far as time does not pass without any. Modules come and go with every twentieth."""
+"""Events: a second each, so far as time does not pass without any. Modules come and go with every
+twentieth.
+"""
 SLACK = 1_000
-"""Objects more or fewer, which are of the newest answers: one for a thousand events would be more."""
+"""Objects more or fewer, which are of the newest answers: one for a thousand events would be
+more.
+"""
 
 
 class Forgetful(Player):
@@ -37,7 +42,9 @@ class Forgetful(Player):
 
 
 def size_of(central: Central) -> tuple[int, int]:
-    """How many objects central holds, everything that can be reached from it but code; and how many bytes they are."""
+    """How many objects central holds, everything that can be reached from it but code; and how many
+    bytes they are.
+    """
     count = size = 0
     for one in reachable(central):
         count += 1

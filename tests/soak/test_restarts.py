@@ -1,4 +1,6 @@
-"""One journal through hundreds of power cuts, and through dozens of full disks: every restart works unattended."""
+"""One journal through hundreds of power cuts, and through dozens of full disks: every restart works
+unattended.
+"""
 
 import os
 import re
@@ -26,12 +28,25 @@ STEP, LONG = Command("step", str, result=int), 4000
 
 
 def life(sync: Sync, seconds: float, cuts: int) -> None:
-    """Users at work; central is killed, with a power cut two times of three, while the disk is full now and then."""
+    """Users at work; central is killed, with a power cut two times of three, while the disk is full
+    now and then.
+    """
     features = frozenset(FEATURES) - ({"lock"} if sync is Sync.BATCH else set())
     options = Options(
-        seconds=seconds, central_crashes=0.008, power_cuts=0.7, full_disks=0.0005, sync=sync, snapshots=0.01, users=2,
-        actions=round(0.6 * seconds), features=features, away=0.5, slow=0.05, crashes=0.02, checks_each=64,
-    )  # fmt: skip
+        seconds=seconds,
+        central_crashes=0.008,
+        power_cuts=0.7,
+        full_disks=0.0005,
+        sync=sync,
+        snapshots=0.01,
+        users=2,
+        actions=round(0.6 * seconds),
+        features=features,
+        away=0.5,
+        slow=0.05,
+        crashes=0.02,
+        checks_each=64,
+    )
     daemon = Life(7, options).run().daemon
     assert daemon.cuts >= cuts
     assert daemon.crashes > daemon.cuts
@@ -57,7 +72,9 @@ def small_disk(place: Path) -> Iterator[Path]:
     place.mkdir()
     if (
         os.getuid()
-        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", place], check=False).returncode
+        or subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", place], check=False
+        ).returncode
     ):
         pytest.skip("only root can mount a small disk: run it as root")
     try:
@@ -75,7 +92,9 @@ def fill(ballast: Path, spare: int) -> None:
 
 
 def use(address: str, ballast: Path, spare: int) -> set[int]:
-    """Fill the disk, and ask for more than it can hold: the tasks that central has taken, each done."""
+    """Fill the disk, and ask for more than it can hold: the tasks that central has taken, each
+    done.
+    """
     found = set()
     with connect("user", address, patience=60) as user:
         user.status()
@@ -90,7 +109,9 @@ def use(address: str, ballast: Path, spare: int) -> set[int]:
 
 @pytest.mark.soak
 def test_thirty_full_disks_on_one_journal(tmp_path: Path) -> None:
-    """``tca run`` waits for room; other starts fail; central is killed at times, too, when it has come back."""
+    """``tca run`` waits for room; other starts fail; central is killed at times, too, when it has
+    come back.
+    """
     address, dice, known = f"ipc://{tmp_path}/c.sock", Random(7), set[int]()
     legs = Module("legs", address)
 
@@ -104,9 +125,14 @@ def test_thirty_full_disks_on_one_journal(tmp_path: Path) -> None:
             running.hear("listening on")
             with legs.running(patience=60):
                 for _ in range(DISKS):
-                    using = pool.submit(use, address, disk / "ballast", dice.choice((0, 4096, 8192)))
+                    using = pool.submit(
+                        use, address, disk / "ballast", dice.choice((0, 4096, 8192))
+                    )
                     running.hear("waits for room")
-                    assert run("-m", "tca_central", "--journal", f"{disk}/journal").returncode == DISK_FULL
+                    assert (
+                        run("-m", "tca_central", "--journal", f"{disk}/journal").returncode
+                        == DISK_FULL
+                    )
                     (disk / "ballast").unlink()
                     running.hear("listening on")
                     if dice.random() < 0.5:
@@ -115,8 +141,15 @@ def test_thirty_full_disks_on_one_journal(tmp_path: Path) -> None:
                     known |= using.result()
             running.process.terminate()
             assert running.end()[0] == 0
-        received = [fact for entry in open_log(disk / "journal") for fact in entry.facts if isinstance(fact, Received)]
+        received = [
+            fact
+            for entry in open_log(disk / "journal")
+            for fact in entry.facts
+            if isinstance(fact, Received)
+        ]
     assert known
     assert known <= {fact.id for fact in received}
     assert not re.search("differs|damaged|--fresh", running.said)
-    print(f"\n{DISKS} full disks: {running.said.count('central started')} starts, {len(known)} tasks taken and done")
+    print(
+        f"\n{DISKS} full disks: {running.said.count('central started')} starts, {len(known)} tasks taken and done"
+    )

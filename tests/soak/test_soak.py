@@ -15,15 +15,32 @@ from tca_tools.journal.journals import open_log
 pytestmark = pytest.mark.soak
 
 MOST_HARMLESS = 2
-"""Faults of 500 m that come to nothing: a rock beside which the leg goes, one with the last footstep."""
+"""Faults of 500 m that come to nothing: a rock beside which the leg goes, one with the last
+footstep.
+"""
 
 MOST_GROWTH = 10.0
-"""MB in 100 m: a heap may take 20 MB at once, somewhere on the way; what leaks with each step takes more."""
+"""MB in 100 m: a heap may take 20 MB at once, somewhere on the way; what leaks with each step takes
+more.
+"""
 
 
-def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong(tmp_path: Path) -> None:
+def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong(
+    tmp_path: Path,
+) -> None:
     pytest.importorskip("pybullet")
-    options = ("--distance", "500", "--terrain", "hills", "--faults", "all", "--seed", "11", "--pace", "0")
+    options = (
+        "--distance",
+        "500",
+        "--terrain",
+        "hills",
+        "--faults",
+        "all",
+        "--seed",
+        "11",
+        "--pace",
+        "0",
+    )
     done = walk(tmp_path / "walk", *options, timeout=3600)
     assert done.returncode == 0, done.stdout + done.stderr
     figures = msgspec.json.decode((tmp_path / "walk" / "figures.json").read_bytes(), type=Figures)
@@ -36,7 +53,8 @@ def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong
     assert (figures.rules.kept, figures.rules.others) == (figures.rules.number, ())
     assert len(figures.faults) >= 6
     injected, recovered = (
-        sum(getattr(kind, name) for kind in figures.faults.values()) for name in ("injected", "recovered")
+        sum(getattr(kind, name) for kind in figures.faults.values())
+        for name in ("injected", "recovered")
     )
     assert recovered >= max(50, injected - MOST_HARMLESS)
     assert figures.memory.growth is not None
@@ -44,7 +62,9 @@ def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong
 
 
 def test_the_same_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
-    losses = [text for step in (5, 9, 14, 20, 26, 33, 40) for text in ("--fault", f"lost module@{step}")]
+    losses = [
+        text for step in (5, 9, 14, 20, 26, 33, 40) for text in ("--fault", f"lost module@{step}")
+    ]
     options = (
         *losses,
         "--backend",
@@ -60,7 +80,9 @@ def test_the_same_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
     )
     for name in ("first", "again"):
         assert walk(tmp_path / name, *options).returncode == 0
-    first, again = ((tmp_path / name / "footsteps.jsonl").read_bytes() for name in ("first", "again"))
+    first, again = (
+        (tmp_path / name / "footsteps.jsonl").read_bytes() for name in ("first", "again")
+    )
     assert first == again
 
 

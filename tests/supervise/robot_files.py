@@ -74,9 +74,13 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
 def guards_of(process: int) -> list[int]:
     """The guard that a ``tca run`` has now."""
     children = [
-        child for file in Path(f"/proc/{process}/task").glob("*/children") for child in file.read_text().split()
+        child
+        for file in Path(f"/proc/{process}/task").glob("*/children")
+        for child in file.read_text().split()
     ]
-    return [int(child) for child in children if "guard.py" in Path(f"/proc/{child}/cmdline").read_text()]
+    return [
+        int(child) for child in children if "guard.py" in Path(f"/proc/{child}/cmdline").read_text()
+    ]
 
 
 def kill(process: int, number: signal.Signals = signal.SIGKILL) -> None:

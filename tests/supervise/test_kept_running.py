@@ -1,4 +1,6 @@
-"""``tca run``: real processes that crash, hang, are slow to end; and a ``tca run`` that is killed itself."""
+"""``tca run``: real processes that crash, hang, are slow to end; and a ``tca run`` that is killed
+itself.
+"""
 
 import re
 import signal
@@ -40,14 +42,21 @@ def test_what_crashes_is_started_again_until_it_has_crashed_too_often(tmp_path: 
 
 
 def test_what_ends_well_stays_away_unless_it_shall_not(tmp_path: Path) -> None:
-    text = HASTY + NO_CENTRAL + sh("once", "echo $TCA_CENTRAL") + sh("fails", "exit 3", "restart = 'never'")
+    text = (
+        HASTY
+        + NO_CENTRAL
+        + sh("once", "echo $TCA_CENTRAL")
+        + sh("fails", "exit 3", "restart = 'never'")
+    )
     with robot(tmp_path, text) as running:
         assert running.end() == (1, "")
     assert [running.said.count(f"{name} started") for name in ("once", "fails")] == [1, 1]
     assert "once  | ipc:///nowhere\n" in running.said
     with robot(tmp_path, text, "--only", "once") as running:
         assert running.end() == (0, "")
-    with robot(tmp_path, HASTY + NO_CENTRAL + sh("again", "true", "restart = 'always'\nrestarts = 1")) as running:
+    with robot(
+        tmp_path, HASTY + NO_CENTRAL + sh("again", "true", "restart = 'always'\nrestarts = 1")
+    ) as running:
         assert running.end()[0] == 1
     assert running.said.count("again started") == 2
 
@@ -66,7 +75,9 @@ time.sleep(100)
 def test_an_end_lets_programs_clean_up_and_kills_what_does_not_end(tmp_path: Path) -> None:
     (tmp_path / "cleans.py").write_text(CLEANS_UP)
     stuck = sh("stuck", "trap '' INT TERM; sleep 100 & sleep 100", "grace = 0.2")
-    stopped = sh("stopped", "trap 'exit 0' INT; echo ready; while true; do sleep 0.1; done", "grace = 20")
+    stopped = sh(
+        "stopped", "trap 'exit 0' INT; echo ready; while true; do sleep 0.1; done", "grace = 20"
+    )
     text = NO_CENTRAL + sh("slow", "python cleans.py; true", "grace = 20") + stuck + stopped
     with robot(tmp_path, text) as running:
         for _ in ("slow", "stopped"):
@@ -82,7 +93,9 @@ def test_an_end_lets_programs_clean_up_and_kills_what_does_not_end(tmp_path: Pat
 
 @contextmanager
 def again_and_again(act: Callable[[], None]) -> Iterator[None]:
-    """Do something a few times a second while the block lasts: one of them comes late enough to count."""
+    """Do something a few times a second while the block lasts: one of them comes late enough to
+    count.
+    """
     over = threading.Event()
 
     def repeat() -> None:
@@ -99,7 +112,9 @@ def again_and_again(act: Callable[[], None]) -> Iterator[None]:
 
 
 def test_the_second_signal_kills(tmp_path: Path) -> None:
-    with robot(tmp_path, NO_CENTRAL + sh("stuck", "trap '' INT TERM; echo ready; sleep 100", "grace = 100")) as running:
+    with robot(
+        tmp_path, NO_CENTRAL + sh("stuck", "trap '' INT TERM; echo ready; sleep 100", "grace = 100")
+    ) as running:
         running.hear("ready")
         running.signal(signal.SIGINT)
         running.hear("ends all: SIGINT")
@@ -110,7 +125,9 @@ def test_the_second_signal_kills(tmp_path: Path) -> None:
 
 
 def test_nothing_is_left_when_it_is_killed_itself_even_after_its_guard_was(tmp_path: Path) -> None:
-    with robot(tmp_path, NO_CENTRAL + STAYS + sh("forks", "sleep 100 & echo ready; wait")) as running:
+    with robot(
+        tmp_path, NO_CENTRAL + STAYS + sh("forks", "sleep 100 & echo ready; wait")
+    ) as running:
         running.hear("ready")
         (guarding,) = guards_of(running.process.pid)
         kill(guarding)
@@ -126,7 +143,9 @@ def test_what_can_not_be_started_has_crashed(tmp_path: Path) -> None:
     """Its guard does not take it for something that is left."""
     (tmp_path / "gone.sh").write_text("#!/bin/sh\nrm $0; exit 1\n")
     (tmp_path / "gone.sh").chmod(0o755)
-    with robot(tmp_path, HASTY + NO_CENTRAL + "[modules.gone]\ncommand = './gone.sh'\nrestarts = 1\n") as running:
+    with robot(
+        tmp_path, HASTY + NO_CENTRAL + "[modules.gone]\ncommand = './gone.sh'\nrestarts = 1\n"
+    ) as running:
         code, errors = running.end()
     assert (code, "was killed" in errors) == (1, False)
     assert running.said.count("gone can't be started") == 1
@@ -137,7 +156,9 @@ def test_it_ends_when_nobody_reads(tmp_path: Path) -> None:
     text = NO_CENTRAL + sh("talks", "while true; do echo tick; sleep 0.05; done")
     (tmp_path / "robot.toml").write_text(text)
     command = f"{sys.executable} -m tca_tools.supervise {tmp_path}/robot.toml | head -3; echo ${{PIPESTATUS[0]}}"
-    said = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=SOON, check=True).stdout
+    said = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=SOON, check=True
+    ).stdout
     assert said.splitlines()[-1] == "141"
 
 
@@ -183,7 +204,10 @@ hung = "restart"
         user.wait_until_handled(WHO, timeout=SOON)
         assert user.query(WHO) == second == running.groups["legs"]
 
-        until(lambda: "tca run" in {module.name for module in user.modules()}, "it hears of lost modules")
+        until(
+            lambda: "tca run" in {module.name for module in user.modules()},
+            "it hears of lost modules",
+        )
         kill(second, signal.SIGSTOP)
         running.hear("legs hung and was killed")
         running.hear("legs started")
@@ -205,7 +229,9 @@ def test_the_example(tmp_path: Path) -> None:
         if program.is_file():
             (tmp_path / program.name).write_text(program.read_text())
     text = (example / "robot.toml").read_text()
-    with robot(tmp_path, f"{text}\n[central]\naddress = 'ipc://{tmp_path}/central.sock'\n") as running:
+    with robot(
+        tmp_path, f"{text}\n[central]\naddress = 'ipc://{tmp_path}/central.sock'\n"
+    ) as running:
         running.hear(r"patrol +\| the round is done")
         running.signal(signal.SIGTERM)
         assert running.end()[0] == 0

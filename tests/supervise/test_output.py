@@ -25,7 +25,10 @@ def test_a_line_without_an_end_is_told_in_pieces() -> None:
 
 
 def test_each_line_has_its_name(tmp_path: Path) -> None:
-    for in_colour, first in ((False, b"run  | hello\n"), (True, b"\x1b[36mrun  | \x1b[0mhello\x1b[0m\n")):
+    for in_colour, first in (
+        (False, b"run  | hello\n"),
+        (True, b"\x1b[36mrun  | \x1b[0mhello\x1b[0m\n"),
+    ):
         with (tmp_path / "screen").open("wb") as screen:
             output = Output(["run", "legs"], screen.fileno(), in_colour=in_colour)
             output.start()
@@ -45,7 +48,9 @@ def test_a_reader_that_stands_still_holds_nobody_back_and_is_told_what_it_missed
         sent += 1
     assert sent < 2 * MOST_WAITING / len(line) + 200
     heard = bytearray()
-    reader = threading.Thread(target=lambda: heard.extend(b"".join(iter(lambda: os.read(read, 1 << 20), b""))))
+    reader = threading.Thread(
+        target=lambda: heard.extend(b"".join(iter(lambda: os.read(read, 1 << 20), b"")))
+    )
     reader.start()
     until(lambda: not output._waiting, "all is taken")
     output.put("run", b"again")

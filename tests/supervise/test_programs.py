@@ -43,7 +43,9 @@ def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
     return process
 
 
-@pytest.mark.filterwarnings("ignore:.*/proc/.*/stat:pytest.PytestUnraisableExceptionWarning")  # interrupted in open()
+@pytest.mark.filterwarnings(
+    "ignore:.*/proc/.*/stat:pytest.PytestUnraisableExceptionWarning"
+)  # interrupted in open()
 def test_an_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
     programs = Programs(tmp_path).__enter__()
     both = [start(programs, "idle", IDLE), start(programs, "deaf", DEAF)]

@@ -17,7 +17,9 @@ def loaded(folder: Path, text: str) -> RobotFile:
     return load(folder / "robot.toml")
 
 
-def test_a_wrong_file_says_which_key_and_what_to_do(tmp_path: Path, approve: Callable[..., None]) -> None:
+def test_a_wrong_file_says_which_key_and_what_to_do(
+    tmp_path: Path, approve: Callable[..., None]
+) -> None:
     def tell(text: str) -> str:
         with pytest.raises(BadUserFile) as error:
             loaded(tmp_path, text.replace("\\n", "\n"))
@@ -57,8 +59,13 @@ def test_what_a_file_starts(tmp_path: Path) -> None:
     assert [program.name for program in robot.programs] == ["central", "legs.1", "legs.2", "eyes"]
     central, left, _, eyes = robot.programs
     assert central.command[3:] == [
-        "--bind", "ipc:///tmp/c.sock", "--journal", str(tmp_path / "journal"), "--sync", "always",
-    ]  # fmt: skip
+        "--bind",
+        "ipc:///tmp/c.sock",
+        "--journal",
+        str(tmp_path / "journal"),
+        "--sync",
+        "always",
+    ]
     assert left.command == eyes.command == ["sh", "-c", "exit 1"]
     assert (left.cwd, eyes.cwd) == (tmp_path / "here", tmp_path)
     assert (left.env["SIDE"], left.env["TCA_CENTRAL"]) == ("left", "ipc:///tmp/c.sock")
@@ -83,5 +90,10 @@ def test_restarts_wait_longer_each_time_and_have_an_end() -> None:
 
 
 def test_ends_in_words() -> None:
-    assert [how_it_ended(code).split()[-1] for code in (0, 3, -11, -9)] == ["0", "3", "SIGSEGV", "SIGKILL"]
+    assert [how_it_ended(code).split()[-1] for code in (0, 3, -11, -9)] == [
+        "0",
+        "3",
+        "SIGSEGV",
+        "SIGKILL",
+    ]
     assert how_it_ended(-40).endswith("40")

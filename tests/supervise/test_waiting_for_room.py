@@ -13,12 +13,19 @@ STARTS = 4
 
 
 def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
-    """Here there is room whenever one looks, and not when central starts; one crash would end all."""
+    """Here there is room whenever one looks, and not when central starts; one crash would end
+    all.
+    """
     script = f'echo >>starts; test "$(wc -l <starts)" -eq {STARTS} || exit {DISK_FULL}'
     program = Launch(
-        name=CENTRAL, command=["sh", "-c", script], cwd=tmp_path, env=dict(os.environ), journal=tmp_path / "run",
-        restart="never", limits=Limits(restarts=0, delay=0.0),
-    )  # fmt: skip
+        name=CENTRAL,
+        command=["sh", "-c", script],
+        cwd=tmp_path,
+        env=dict(os.environ),
+        journal=tmp_path / "run",
+        restart="never",
+        limits=Limits(restarts=0, delay=0.0),
+    )
     told: list[str] = []
     nothing = os.open(os.devnull, os.O_WRONLY)
     output = Output([CENTRAL], nothing, in_colour=False)

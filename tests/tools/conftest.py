@@ -18,7 +18,9 @@ def tca(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     monkeypatch.delenv("COLUMNS", raising=False)
 
     def run(*arguments: object, **environment: str) -> Result:
-        return CliRunner(env=environment).invoke(main, [str(argument) for argument in arguments], prog_name="tca")
+        return CliRunner(env=environment).invoke(
+            main, [str(argument) for argument in arguments], prog_name="tca"
+        )
 
     return run
 

@@ -11,7 +11,9 @@ from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 
 
-def deliver(free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None) -> list[Entry]:
+def deliver(
+    free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None
+) -> list[Entry]:
     """An object is delivered to box B if it is free; after 2 s that may change."""
     with play(delivery(), policy) as run:
         ran = run.begin()
@@ -31,7 +33,9 @@ def undone() -> list[Entry]:
 
 
 def too_late() -> list[Entry]:
-    """The arm is ahead at box B when that turns out to be taken; it is not yet at box C when the base has come."""
+    """The arm is ahead at box B when that turns out to be taken; it is not yet at box C when the
+    base has come.
+    """
     return _taken_after(6, fork(arm("box B"), arm("box C")))
 
 
@@ -77,7 +81,9 @@ def written(entries: list[Entry], folder: Path) -> Path:
 
 
 def figure_7(folder: Path) -> list[Path]:
-    """Journals of the best case, of a box that is occupied on the way, and of plain execution in the worst case."""
+    """Journals of the best case, of a box that is occupied on the way, and of plain execution in
+    the worst case.
+    """
     return [
         written(deliver(1.0), folder / "free"),
         written(deliver(1.0, changed=0.0), folder / "occupied on the way"),

@@ -1,4 +1,6 @@
-"""Journals of the real core, and what becomes of them when single facts are lost, told twice or put in another place."""
+"""Journals of the real core, and what becomes of them when single facts are lost, told twice or put
+in another place.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -30,7 +32,9 @@ def checked(entries: Iterable[Entry]) -> list[Violation]:
 
 
 def walk() -> list[Entry]:
-    """A walk with everything: queries, failures, retries, wiretaps, monitors, kills, suspension, locks, delays."""
+    """A walk with everything: queries, failures, retries, wiretaps, monitors, kills, suspension,
+    locks, delays.
+    """
     player = Player()
     _join(player)
     _walk(player)

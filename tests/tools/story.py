@@ -40,7 +40,9 @@ def silent_for(run: Path, seconds: float) -> Iterator[None]:
 
 
 class Story:
-    """A journal being told: ``at`` moves the clock, every other method adds facts to the event of that time."""
+    """A journal being told: ``at`` moves the clock, every other method adds facts to the event of
+    that time.
+    """
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
@@ -57,7 +59,9 @@ class Story:
     def asked_by(self, delivery: int) -> "Story":
         """What is told next of this event, a handler has asked for."""
         entry = self.entries[-1]
-        self.entries[-1] = Entry(entry.number, entry.time, entry.facts, Request("any", 1, 1, "Kill", delivery))
+        self.entries[-1] = Entry(
+            entry.number, entry.time, entry.facts, Request("any", 1, 1, "Kill", delivery)
+        )
         return self
 
     def fold(self, until: float | None = None) -> History:
@@ -79,7 +83,9 @@ class Story:
         self.say(facts.ModuleJoined(name, f"pid {len(name)}"))
         if handles:
             self.say(facts.ResourceChanged(name, resource or name, 1))
-        return self.say(*(facts.HandlerAdded(message, name, resource or name) for message in handles))
+        return self.say(
+            *(facts.HandlerAdded(message, name, resource or name) for message in handles)
+        )
 
     def received(
         self,
@@ -99,14 +105,28 @@ class Story:
         """It may be delivered *to* a module at once, and begin to be achieved."""
         number, self._next_id = self._next_id, self._next_id + 1
         this = [
-            msgspec.structs.replace(c, before=_resolved(c.before, number), after=_resolved(c.after, number))
+            msgspec.structs.replace(
+                c, before=_resolved(c.before, number), after=_resolved(c.after, number)
+            )
             for c in constraints
         ]
         body = b"" if data is None else msgspec.msgpack.encode(data)
         origin = parent if origin is None else origin
         self._classes[number] = kind
         self.say(
-            facts.Received(number, message, kind, sender, TaskId(parent), origin, blocking, body, this, role, about)
+            facts.Received(
+                number,
+                message,
+                kind,
+                sender,
+                TaskId(parent),
+                origin,
+                blocking,
+                body,
+                this,
+                role,
+                about,
+            )
         )
         if kind is COMMAND:
             self.reached(number, BORN_PLANNED)
@@ -116,10 +136,14 @@ class Story:
             self.reached(number, Moment.START_ACHIEVING)
         return number
 
-    def goal(self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any) -> int:
+    def goal(
+        self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any
+    ) -> int:
         return self.received(message, GOAL, sender, parent, *constraints, **more)
 
-    def command(self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any) -> int:
+    def command(
+        self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any
+    ) -> int:
         return self.received(message, COMMAND, sender, parent, *constraints, **more)
 
     def queued(self, number: int, module: str = "", resource: str = "") -> "Story":
@@ -133,7 +157,9 @@ class Story:
         return self
 
     def returned(self, number: int, outcome: Outcome = Outcome.DONE, data: Any = None) -> "Story":
-        self.say(facts.Returned(number, outcome, b"" if data is None else msgspec.msgpack.encode(data)))
+        self.say(
+            facts.Returned(number, outcome, b"" if data is None else msgspec.msgpack.encode(data))
+        )
         if self._classes[number].is_task:
             self.reached(number, Moment.END_HANDLING)
         return self
@@ -147,9 +173,17 @@ class Story:
     def rescued(self, failed: int, name: str, module: str) -> int:
         """An exception handler of that module is called for a failure, and runs."""
         handler = self.received(
-            name, MessageClass.EXCEPTION, "central", failed, origin=0, role=Role.EXCEPTION, about=failed
+            name,
+            MessageClass.EXCEPTION,
+            "central",
+            failed,
+            origin=0,
+            role=Role.EXCEPTION,
+            about=failed,
         )
-        self.say(facts.Caught(TaskId(failed), TaskId(handler), TaskId(failed), 9)).delivered(handler, module)
+        self.say(facts.Caught(TaskId(failed), TaskId(handler), TaskId(failed), 9)).delivered(
+            handler, module
+        )
         self.reached(handler, Moment.START_PLANNING)
         return handler
 
@@ -159,12 +193,16 @@ class Story:
             bits |= moment
         return self.say(facts.Reached(TaskId(number), bits))
 
-    def query(self, message: str, sender: str, origin: int, module: str, took: float, **more: Any) -> int:
+    def query(
+        self, message: str, sender: str, origin: int, module: str, took: float, **more: Any
+    ) -> int:
         """A query that is answered after a while; the clock stands at the answer then."""
         time = self.entries[-1].time
         number = self.received(message, QUERY, sender, 0, origin=origin, blocking=True, **more)
         self.delivered(number, module)
-        self.at(round(time + took, 6)).returned(number, data={"ok": True}).say(facts.Answered(number))
+        self.at(round(time + took, 6)).returned(number, data={"ok": True}).say(
+            facts.Answered(number)
+        )
         return number
 
     def acted(self, number: int, module: str, took: float) -> "Story":
@@ -188,7 +226,11 @@ class Story:
                     Entry(
                         0,
                         entries[0].time,
-                        [facts.Opened(JOURNAL_VERSION, "epoch", number + 1, 1_700_000_000.0, "0.1.0")],
+                        [
+                            facts.Opened(
+                                JOURNAL_VERSION, "epoch", number + 1, 1_700_000_000.0, "0.1.0"
+                            )
+                        ],
                     ),
                     *entries,
                 ]
@@ -197,7 +239,9 @@ class Story:
 
 
 def _cause(entry: Entry, claims: dict[int, facts.Claimed]) -> Request | None:
-    """Who must have asked for it: the handler that returned, or whoever sent or locked something."""
+    """Who must have asked for it: the handler that returned, or whoever sent or locked
+    something.
+    """
     sent: Request | None = None
     for fact in entry.facts:
         match fact:
@@ -209,7 +253,9 @@ def _cause(entry: Entry, claims: dict[int, facts.Claimed]) -> Request | None:
                 claims[fact.id] = fact
                 sent = sent or Request(fact.sender, 0, 1, "Lock", fact.origin)
             case facts.ClaimEnded() if fact.id in claims:
-                sent = sent or Request(claims[fact.id].sender, 0, 1, "Unlock", claims[fact.id].origin)
+                sent = sent or Request(
+                    claims[fact.id].sender, 0, 1, "Unlock", claims[fact.id].origin
+                )
     return sent
 
 
@@ -220,7 +266,7 @@ def _resolved(point: Any, number: int) -> Any:
 THIS = TaskId(-1)
 
 
-# --- stories that are written down -----------------------------------------------------------------------------------
+# --- stories that are written down ----------------------------------------------------------------
 
 
 MADE = Path(__file__).with_name("made")
@@ -234,11 +280,12 @@ def tell(tale: Story, line: str) -> bool:
     see made/NAME                             what is told there
     at TIME                                   the next event
     MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
-    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
+    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to
+    MODULE[, and begins]]
         [ with JSON][ where POINT <= POINT, ...]
-    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[: OUTCOME][ with JSON]
-    failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all | asked by DELIVERY
-    KIND FIELD=JSON ...                       any other fact
+    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[:
+    OUTCOME][ with JSON] failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all |
+    asked by DELIVERY KIND FIELD=JSON ...                       any other fact
     """
     for pattern, do in TOLD:
         if found := re.fullmatch(pattern, line):
@@ -262,11 +309,19 @@ def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None
 
 def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
     told = tale.received(
-        message, MessageClass(kind), sender, int(more.get("parent", 0)), *constraints(more["where"]) if "where" in more else (),
-        origin=int(more["origin"]) if "origin" in more else None, blocking="blocking" in more,
-        data=json.loads(more["data"]) if "data" in more else None, role=Role(more.get("role", "")),
-        about=int(more.get("about", 0)), to=more.get("to", ""), begins="begins" in more,
-    )  # fmt: skip
+        message,
+        MessageClass(kind),
+        sender,
+        int(more.get("parent", 0)),
+        *constraints(more["where"]) if "where" in more else (),
+        origin=int(more["origin"]) if "origin" in more else None,
+        blocking="blocking" in more,
+        data=json.loads(more["data"]) if "data" in more else None,
+        role=Role(more.get("role", "")),
+        about=int(more.get("about", 0)),
+        to=more.get("to", ""),
+        begins="begins" in more,
+    )
     assert told == int(number), f"that is {told}"
 
 
@@ -294,8 +349,14 @@ TOLD: list[tuple[str, Callable[..., object]]] = [
     (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
     (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
     (RECEIVED, received),
-    (rf"queued (?P<number>\d+)(?: for {PLACE})?", lambda tale, number, **where: tale.queued(int(number), **where)),
-    (rf"delivered (?P<number>\d+) to {PLACE}", lambda tale, number, **where: tale.delivered(int(number), **where)),
+    (
+        rf"queued (?P<number>\d+)(?: for {PLACE})?",
+        lambda tale, number, **where: tale.queued(int(number), **where),
+    ),
+    (
+        rf"delivered (?P<number>\d+) to {PLACE}",
+        lambda tale, number, **where: tale.delivered(int(number), **where),
+    ),
     (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
     (
         r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
@@ -322,22 +383,31 @@ locking = partial(made, "locking")
 
 
 def stuck(drills: int = 4) -> Story:
-    """Drills one after the other; the handler of the first one waits for a calibration that nobody handles."""
+    """Drills one after the other; the handler of the first one waits for a calibration that nobody
+    handles.
+    """
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     drill = story.command("drill", "brain", mission, to="rig", begins=True)
     calibrate = story.at(2.0).command("calibrate", "rig", drill)
-    story.queued(calibrate).say(facts.WaitBegan("rig", drill, TaskId(calibrate), Moment.END_ACHIEVING))
+    story.queued(calibrate).say(
+        facts.WaitBegan("rig", drill, TaskId(calibrate), Moment.END_ACHIEVING)
+    )
     for _ in range(drills - 1):
-        drill = story.command("drill", "brain", mission, sequential_achievement(TaskId(max(drill, 2)), THIS))
+        drill = story.command(
+            "drill", "brain", mission, sequential_achievement(TaskId(max(drill, 2)), THIS)
+        )
     return story.returned(mission).at(5.0)
 
 
 def stepping(steps: int = 3) -> Story:
-    """A robot that plans a step for 1 s and takes it for 2 s: each step's planning is delayed until the one before has
-    been taken. The walk is sent at 1.0, its steps at 1.2 and 1.3; from then on planning and acting alternate.
+    """A robot that plans a step for 1 s and takes it for 2 s: each step's planning is delayed until
+    the one before has been taken. The walk is sent at 1.0, its steps at 1.2 and 1.3; from then on
+    planning and acting alternate.
     """
-    story = Story().module("user").module("planner", "walk", "step", "errand").module("legs", "move")
+    story = (
+        Story().module("user").module("planner", "walk", "step", "errand").module("legs", "move")
+    )
     walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
     story.at(1.2)
     before: list[Constraint] = []

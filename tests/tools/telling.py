@@ -1,10 +1,12 @@
-"""What the tools tell of small runs: each in told/ is told event by event, and asked about in between.
+"""What the tools tell of small runs: each in told/ is told event by event, and asked about in
+between.
 
     # TITLE
     a line of a story: see tell()
     ? QUESTION                                and the answers, indented
 
-A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS for what can be asked.
+A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS
+for what can be asked.
 """
 
 import io
@@ -71,24 +73,31 @@ def told(text: str) -> str:
     return "\n".join(lines)
 
 
-# --- questions -------------------------------------------------------------------------------------------------------
+# --- questions ------------------------------------------------------------------------------------
 
 
 SECOND = 1_000_000_000
 
 
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
-    """A question is a word, a task or message, a moment, one until which more is known, and when the journal ends:
+    """A question is a word, a task or message, a moment, one until which more is known, and when
+    the journal ends:
     "fate 3 at 2.5 known 4 until 5".
     """
-    found = re.fullmatch(r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question)
+    found = re.fullmatch(
+        r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question
+    )
     assert found, question
     word, number, at, known, until = found.groups()
     about: dict[str, Any] = {"number": int(number)} if number is not None else {}
     if word in OF_ENTRIES:
         return OF_ENTRIES[word](entries) or ["-"]
-    about |= {name: float(text) for name, text in (("at", at), ("known", known)) if text is not None}
-    return QUESTIONS[word](History.until(entries, float(until) if until else None), **about) or ["-"]
+    about |= {
+        name: float(text) for name, text in (("at", at), ("known", known)) if text is not None
+    }
+    return QUESTIONS[word](History.until(entries, float(until) if until else None), **about) or [
+        "-"
+    ]
 
 
 def at_moment(run: Run, at: float | None) -> RunAt:
@@ -98,12 +107,17 @@ def at_moment(run: Run, at: float | None) -> RunAt:
 def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
     """All that happened to a message; as it was told at a moment."""
     if at is not None:
-        return [f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at]
+        return [
+            f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at
+        ]
     took = [
         " ..." if one.is_open else "" if one.seconds is None else f" ({one.seconds:.3g} s)"
         for one in story(run, number)
     ]
-    return [f"{one.time:g}{lasts} {one.text}" for one, lasts in zip(story(run, number), took, strict=True)]
+    return [
+        f"{one.time:g}{lasts} {one.text}"
+        for one, lasts in zip(story(run, number), took, strict=True)
+    ]
 
 
 def row(run: Run, number: int, at: float | None = None) -> list[str]:
@@ -142,10 +156,14 @@ def all_failures(run: Run) -> list[str]:
     """The failures of a run, and what became of them."""
     told = []
     for kind in failures(run):
-        told.append(f"{kind.failure} of {kind.message}{' (overcome)' * kind.is_good}, cost {kind.cost:.3g} s")
+        told.append(
+            f"{kind.failure} of {kind.message}{' (overcome)' * kind.is_good}, cost {kind.cost:.3g} s"
+        )
         for one in kind.cases:
             why = f" ({one.why})" if one.why else ""
-            told.append(f"  {one.time:g} {one.of}: {one.text!r} raised {one.raised_by or '-'}: {one.fate.name}{why}")
+            told.append(
+                f"  {one.time:g} {one.of}: {one.text!r} raised {one.raised_by or '-'}: {one.fate.name}{why}"
+            )
             told += [f"    {text}" for text in one.called]
             told.append(f"    {one.lost:.3g} s lost, {one.recovery:.3g} s of recovery")
     return [*told, "so the run is " + ("good" if summary(run).is_good else "bad")]
@@ -199,7 +217,10 @@ def waits(run: Run) -> list[str]:
     told = []
     for kind in long_waits(run):
         told.append(f"{kind.kind}: {kind.number}, {kind.seconds:.3g} s")
-        told += [f"  {one.who} {one.what} ({one.seconds:.3g} s{', goes on' * one.is_open})" for one in kind.longest]
+        told += [
+            f"  {one.who} {one.what} ({one.seconds:.3g} s{', goes on' * one.is_open})"
+            for one in kind.longest
+        ]
     return told
 
 
@@ -229,7 +250,9 @@ def all_of_a_chart(drawing: Chart) -> Iterator[str]:
         yield f"{row.label}, connected {row.connected}"
         for bar in (*row.bars, *row.claims):
             end = "open" if bar.is_open else bar.ending
-            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
+            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(
+                " : ", ": "
+            )
             yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
             yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
             yield from [f"    {bar.words(200)}"] * (bar.why is not None)
@@ -249,7 +272,13 @@ def all_of_a_trace(read: Read) -> Iterator[str]:
     ):
         yield track
         for one in slices:
-            until = "" if one.end == one.start else " on" if one.end is None else f" to {one.end / SECOND:.3f}"
+            until = (
+                ""
+                if one.end == one.start
+                else " on"
+                if one.end is None
+                else f" to {one.end / SECOND:.3f}"
+            )
             details = ", ".join(f"{key}: {value}" for key, value in one.details.items())
             yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{until} {one.category}: {one.name}; {details}"
     for number, stations in sorted(read.flows.items()):
@@ -265,7 +294,11 @@ def tree(run: Run, at: float | None = None) -> list[str]:
 
 def shown(run: Run, number: int) -> list[str]:
     """A story as it is printed."""
-    return [line for text in story_lines(run, TaskId(number), 200) for line in unstyle(text).splitlines()]
+    return [
+        line
+        for text in story_lines(run, TaskId(number), 200)
+        for line in unstyle(text).splitlines()
+    ]
 
 
 def in_short(run: Run) -> list[str]:
@@ -288,13 +321,16 @@ def runs(run: Run) -> list[str]:
         told.append(
             f"{one.name} in {one.module}{whose}: {one.start:.6g} to {one.end and f'{one.end:.6g}'} {one.outcome}"
         )
-        told += [f"  waits for {wait.awaited} from {wait.start:.6g} to {wait.end}" for wait in one.waits]
+        told += [
+            f"  waits for {wait.awaited} from {wait.start:.6g} to {wait.end}" for wait in one.waits
+        ]
     told += [
         f"{one.message_id} queued for {one.module}: {one.start:.6g} to {one.end and f'{one.end:.6g}'}"
         for one in run.queueings
     ]
     return told + [
-        f"claim of {one.resource}: {one.start:g}, {one.granted}, {one.end} {one.ended}" for one in run.claims.values()
+        f"claim of {one.resource}: {one.start:g}, {one.granted}, {one.end} {one.ended}"
+        for one in run.claims.values()
     ]
 
 
@@ -312,10 +348,20 @@ def life(run: Run, number: int, at: float | None = None) -> list[str]:
     task = run.tasks[TaskId(number)]
     if at is None:
         lives = [(time, life_at(run, task, time)) for time in run.times]
-        states = [(time, f"{life.state}, {life.serial}") for time, life in lives if time >= task.received]
-        return [f"{time:g} {new}" for (_, old), (time, new) in pairwise([(0.0, ""), *states]) if new != old]
+        states = [
+            (time, f"{life.state}, {life.serial}") for time, life in lives if time >= task.received
+        ]
+        return [
+            f"{time:g} {new}"
+            for (_, old), (time, new) in pairwise([(0.0, ""), *states])
+            if new != old
+        ]
     then = life_at(run, task, at)
-    told = {"progress": then.progress, "asked": then.asked, "data": RunAt(run, at).tasks[TaskId(number)].body}
+    told = {
+        "progress": then.progress,
+        "asked": then.asked,
+        "data": RunAt(run, at).tasks[TaskId(number)].body,
+    }
     known = [f"{name} {msgspec.msgpack.decode(text)}" for name, text in told.items() if text]
     return [", ".join([f"{then.state}, {then.serial}", *known])]
 
@@ -340,14 +386,19 @@ def figures(run: Run, at: float | None = None) -> list[str]:
         counts = [f"{value} {name}" for name, value in known.items() if isinstance(value, int)]
         times = [
             f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.going_on)} go on)' * bool(value.going_on)}"
-            for name, value in known.items() if isinstance(value, Times) and value.seconds
-        ]  # fmt: skip
+            for name, value in known.items()
+            if isinstance(value, Times) and value.seconds
+        ]
         use = (
             [f"busy {one.use.busy:.3g}, waiting {one.use.waiting:.3g}"]
             if isinstance(one, ResourceStats) and one.use
             else []
         )
-        named = one.message if isinstance(one, MessageStats) else f"resource {one.resource or 'of nobody'}"
+        named = (
+            one.message
+            if isinstance(one, MessageStats)
+            else f"resource {one.resource or 'of nobody'}"
+        )
         told.append("; ".join([f"{named}: {', '.join(counts)}", *times, *use]))
     return told
 
@@ -355,7 +406,11 @@ def figures(run: Run, at: float | None = None) -> list[str]:
 def rows(table: Table, run: Run) -> list[str]:
     """The rows of an exported table, without empty cells."""
     return [
-        ", ".join(f"{name} {cell}" for name, cell in zip(table.columns, row, strict=True) if cell is not None)
+        ", ".join(
+            f"{name} {cell}"
+            for name, cell in zip(table.columns, row, strict=True)
+            if cell is not None
+        )
         for row in table.rows(run)
     ]
 
@@ -365,8 +420,9 @@ def check(entries: list[facts.Entry]) -> list[str]:
 
 
 OF_ENTRIES: dict[str, Callable[[list[facts.Entry]], list[str]]] = {
-    "check": check, "classic": lambda entries: list(classic_lines(entries)),
-}  # fmt: skip
+    "check": check,
+    "classic": lambda entries: list(classic_lines(entries)),
+}
 QUESTIONS: dict[str, Callable[..., list[str]]] = {
     "story": story_of, "row": row, "states": states, "end": end, "causes": all_causes, "chain": chain, "failures": all_failures,
     "fate": fate_of, "coped": coped, "path": path, "shares": where_time_went, "waits": waits, "reasons": all_reasons,

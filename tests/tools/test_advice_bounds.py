@@ -1,5 +1,5 @@
-"""What advice promises at most, held against the real central: the same robot once more, with what was advised. And in any
-life, no advice promises more than there is.
+"""What advice promises at most, held against the real central: the same robot once more, with what
+was advised. And in any life, no advice promises more than there is.
 """
 
 import heapq
@@ -35,7 +35,12 @@ _A_HAIR = 1e-6
 
 
 def all_advice(run: Run) -> list[Advice]:
-    return [one for task in (last_task(run), longest_task(run)) if task for one in advised(run, 0.0, task)]
+    return [
+        one
+        for task in (last_task(run), longest_task(run))
+        if task
+        for one in advised(run, 0.0, task)
+    ]
 
 
 class Timed(Player):
@@ -47,7 +52,9 @@ class Timed(Player):
         self.begun: set[int] = set()
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
-        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
+        effects = self.event(
+            RequestReceived(self.time, ConnectionId(connection.encode()), header, body)
+        )
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def returns_in(self, slots: list[str]) -> None:
@@ -63,19 +70,23 @@ class Timed(Player):
         raise NotImplementedError
 
 
-# --- a slot more ---------------------------------------------------------------------------------------------------
+# --- a slot more ----------------------------------------------------------------------------------
 
 Job = tuple[int, list[int], int]
 """When it comes, how long each of its chops takes, and the packing after them."""
 JOBS = st.lists(
-    st.tuples(st.integers(1, 12), st.lists(st.integers(1, 6), min_size=1, max_size=2), st.integers(1, 12)),
+    st.tuples(
+        st.integers(1, 12), st.lists(st.integers(1, 6), min_size=1, max_size=2), st.integers(1, 12)
+    ),
     min_size=1,
     max_size=7,
 )
 
 
 class Kitchen(Timed):
-    """A chef who plans in no time, a cutter with few slots that all queue for, and packers enough."""
+    """A chef who plans in no time, a cutter with few slots that all queue for, and packers
+    enough.
+    """
 
     def __init__(self, jobs: list[Job], slots: int) -> None:
         super().__init__()
@@ -85,7 +96,9 @@ class Kitchen(Timed):
         self.module("cutter", "command chop", capacity=slots)
         self.module("packer", "command pack", capacity=len(jobs))
         self.jobs = sorted(jobs)
-        self.slots = [f"cutter/{n + 1}" for n in range(slots)] + [f"packer/{n + 1}" for n in range(len(jobs))]
+        self.slots = [f"cutter/{n + 1}" for n in range(slots)] + [
+            f"packer/{n + 1}" for n in range(len(jobs))
+        ]
 
     def takes(self, slot: str, delivery: int) -> float:
         return self.seconds.get(delivery, 0.0)
@@ -104,7 +117,9 @@ class Kitchen(Timed):
 
     def plan(self, chops: list[int], packing: int) -> None:
         job = self.task("user", "job")
-        chef = next(slot for slot in self.inbox if slot.startswith("chef/") and job in self.delivered(slot))
+        chef = next(
+            slot for slot in self.inbox if slot.startswith("chef/") and job in self.delivered(slot)
+        )
         for seconds in chops:
             self.seconds[self.task(chef, "chop", under=job)] = seconds
         self.seconds[self.task(chef, "pack", under=job)] = packing
@@ -116,17 +131,22 @@ class Kitchen(Timed):
 def test_one_more_slot_saves_no_more_than_the_report_said(jobs: list[Job], slots: int) -> None:
     run = Kitchen(jobs, slots).run()
     saved = summary(run).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
-    said = max((one.saving for one in all_advice(run) if one.title == "cutter is a bottleneck"), default=0.0)
+    said = max(
+        (one.saving for one in all_advice(run) if one.title == "cutter is a bottleneck"),
+        default=0.0,
+    )
     assert saved <= said + _A_HAIR
 
 
-# --- planning while acting -----------------------------------------------------------------------------------------
+# --- planning while acting ------------------------------------------------------------------------
 
 DURATIONS = st.lists(st.tuples(st.integers(1, 6), st.integers(1, 6)), min_size=1, max_size=6)
 
 
 class Robot(Timed):
-    """A planner, legs and a user. Messages take no time; plans and moves take what *durations* say, step by step."""
+    """A planner, legs and a user. Messages take no time; plans and moves take what *durations* say,
+    step by step.
+    """
 
     def __init__(self, durations: list[tuple[int, int]], *, looks_ahead: bool) -> None:
         super().__init__()
@@ -152,7 +172,9 @@ class Robot(Timed):
         while self.due:
             self.time, delivery, slot = heapq.heappop(self.due)
             if slot == "planner/1":
-                self.moves[self.task("planner/1", "move", under=delivery)] = self.steps.index(delivery)
+                self.moves[self.task("planner/1", "move", under=delivery)] = self.steps.index(
+                    delivery
+                )
             self.reply(slot, delivery)
             self.returns_in(["planner/1", "legs/1"])
         return History.until(self.entries)
@@ -166,20 +188,24 @@ class Robot(Timed):
 
 @given(DURATIONS)
 @settings(max_examples=30)
-def test_looking_one_step_ahead_saves_what_the_report_said(durations: list[tuple[int, int]]) -> None:
+def test_looking_one_step_ahead_saves_what_the_report_said(
+    durations: list[tuple[int, int]],
+) -> None:
     """And the critical path is as long as the run, whether it looks ahead or not."""
     slow = Robot(durations, looks_ahead=False).run()
     fast = Robot(durations, looks_ahead=True).run()
     saved = summary(slow).seconds - summary(fast).seconds
     for run, said in ((slow, saved), (fast, 0.0)):
         causes, task = Causes(run), last_task(run)
-        assert sum(overlap.saving for overlap in overlaps(run, causes)) == pytest.approx(said, abs=1e-6)
+        assert sum(overlap.saving for overlap in overlaps(run, causes)) == pytest.approx(
+            said, abs=1e-6
+        )
         assert task is not None
         steps = critical_path(run, causes, task).steps
         assert sum(step.seconds for step in steps) == pytest.approx(summary(run).seconds)
 
 
-# --- a burst -------------------------------------------------------------------------------------------------------
+# --- a burst --------------------------------------------------------------------------------------
 
 
 def burst(number: int, took: float) -> Run:
@@ -197,21 +223,29 @@ def burst(number: int, took: float) -> Run:
 
 
 def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
-    """The run lasts 3 s; all waits added up are 449 s, and with two slots the commands would still take 1.5."""
+    """The run lasts 3 s; all waits added up are 449 s, and with two slots the commands would still
+    take 1.5.
+    """
     (one,) = {one.title: one for one in all_advice(burst(300, 0.01))}.values()
-    assert (one.title, round(one.saving, 6), round(one.on_path, 6)) == ("cutter is a bottleneck", 1.5, 1.5)
+    assert (one.title, round(one.saving, 6), round(one.on_path, 6)) == (
+        "cutter is a bottleneck",
+        1.5,
+        1.5,
+    )
     assert "stands 299 times in the queue for cutter, 2.99 s in all" in one.text
 
 
-# --- whose end would come sooner -----------------------------------------------------------------------------------
+# --- whose end would come sooner ------------------------------------------------------------------
 
 
-# --- any life ------------------------------------------------------------------------------------------------------
+# --- any life -------------------------------------------------------------------------------------
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
 @settings(max_examples=40)
-def test_no_advice_on_a_random_life_promises_more_than_there_is(operations: list[Any], tick: int) -> None:
+def test_no_advice_on_a_random_life_promises_more_than_there_is(
+    operations: list[Any], tick: int
+) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
         life.do(name, *numbers)
@@ -228,7 +262,10 @@ def test_nor_on_a_longer_one(seed: int, tick: int) -> None:
 
 def check(life: Life, tick: int) -> None:
     """With a clock that goes on every so many seconds only."""
-    entries = [facts.Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries]
+    entries = [
+        facts.Entry(entry.number, entry.time // tick * tick, entry.facts)
+        for entry in life.player.entries
+    ]
     run = History.until(entries)
     seconds = summary(run).seconds
     check_ends(run)
@@ -241,7 +278,9 @@ def check(life: Life, tick: int) -> None:
 
 
 def check_ends(run: Run) -> None:
-    """Whose end would come sooner: of the path that is shown first, or of the one that advice names."""
+    """Whose end would come sooner: of the path that is shown first, or of the one that advice
+    names.
+    """
     found = contents(run)
     for one in found.advice:
         assert found.path is not None or not one.on_path, one
@@ -251,19 +290,31 @@ def check_ends(run: Run) -> None:
             path = found.longest.path
             assert (one.sooner, one.on_path) == (str(path.task), 0.0), one
             assert one.saving <= path.seconds + _A_HAIR or one.topic is Topic.CAPACITY, one
-    assert [one.on_path for one in found.advice] == sorted((one.on_path for one in found.advice), reverse=True)
+    assert [one.on_path for one in found.advice] == sorted(
+        (one.on_path for one in found.advice), reverse=True
+    )
 
 
 def waited(run: Run, where: str) -> float:
-    """How long anything stood in the queue of a resource, in any copy, or wanted to lock it; what overlaps once."""
+    """How long anything stood in the queue of a resource, in any copy, or wanted to lock it; what
+    overlaps once.
+    """
     module, _, resource = where.partition(" / ")
     key = (called(module), resource or module)
-    queues = [(one.start, one.end) for one in run.queueings if (called(one.module), one.resource) == key]
-    claims = [(one.start, one.granted) for one in run.claims.values() if (called(one.module), one.resource) == key]
-    return Cover((since, run.time if until is None else until) for since, until in queues + claims).total
+    queues = [
+        (one.start, one.end) for one in run.queueings if (called(one.module), one.resource) == key
+    ]
+    claims = [
+        (one.start, one.granted)
+        for one in run.claims.values()
+        if (called(one.module), one.resource) == key
+    ]
+    return Cover(
+        (since, run.time if until is None else until) for since, until in queues + claims
+    ).total
 
 
-# --- worked out by hand ----------------------------------------------------------------------------------------------
+# --- worked out by hand ---------------------------------------------------------------------------
 
 
 def found_in(run: Run) -> list[Overlap]:
@@ -279,11 +330,14 @@ def advised(run: Run, at_least: float = 1e-6, task: Task | None = None) -> list[
 
 
 def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
-    """Two gaps of 1 s, in each 1 s of planning, before each 2 s of acting with the planner free: 2 s. The robot that
-    looks ahead needs just that much less: 7.3 s, not 9.3.
+    """Two gaps of 1 s, in each 1 s of planning, before each 2 s of acting with the planner free: 2
+    s. The robot that looks ahead needs just that much less: 7.3 s, not 9.3.
     """
     (overlap,) = found_in(stepping().fold())
-    assert [(round(one.start, 6), round(one.end, 6)) for one in overlap.chances] == [(4.3, 5.3), (7.3, 8.3)]
+    assert [(round(one.start, 6), round(one.end, 6)) for one in overlap.chances] == [
+        (4.3, 5.3),
+        (7.3, 8.3),
+    ]
     assert overlap.saving == pytest.approx(2.0)
     slow, fast = (summary(story.fold()).seconds for story in (stepping(), made("looking_ahead")))
     assert slow - fast == pytest.approx(overlap.saving)

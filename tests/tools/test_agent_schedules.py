@@ -1,4 +1,6 @@
-"""Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and marks in all tools."""
+"""Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and
+marks in all tools.
+"""
 
 import html
 import re
@@ -44,14 +46,19 @@ def test_the_three_schedules_of_figure_7(
     expect("schedule", (tmp_path / "figure.txt").read_text())
     best, occupied, plain = [schedules(folded(open_log(log)), log.name)[0] for log in logs]
     assert best.end < occupied.end < plain.end
-    assert [look(box) for box in boxes(best, "arm")] == ["arm to(box B) ahead", "arm to(tuck) current"]
+    assert [look(box) for box in boxes(best, "arm")] == [
+        "arm to(box B) ahead",
+        "arm to(tuck) current",
+    ]
     assert [look(box) for box in boxes(occupied, "arm")] == [
         "arm to(box B) wasted",
         "arm to(box C) ahead",
         "arm to(tuck) current",
     ]
     assert not any(box.ahead for row in plain.rows for box in row.handled)
-    assert boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end  # C's pose while the base still goes to B
+    assert (
+        boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end
+    )  # C's pose while the base still goes to B
 
 
 def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
@@ -64,14 +71,26 @@ def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_pat
     assert picture.count('class="wasted"') == wasted + in_legend
     for log in logs:
         assert f">{log.name}: " in picture
-    assert "arm to {8} for the state &#x27;arm to box B&#x27; (ahead, wasted), from 0.000 s to 2.000 s" in picture
+    assert (
+        "arm to {8} for the state &#x27;arm to box B&#x27; (ahead, wasted), from 0.000 s to 2.000 s"
+        in picture
+    )
 
 
 def test_the_gain_of_each_run(logs: list[Path]) -> None:
-    gains = [gain(run, *one) for run in map(folded, map(open_log, logs)) for one in coordinators(run)]
+    gains = [
+        gain(run, *one) for run in map(folded, map(open_log, logs)) for one in coordinators(run)
+    ]
     assert [one._asdict() for one in gains] == [
         pytest.approx(
-            {"right": right, "wrong": wrong, "kept": kept, "wasted": wasted, "restored": 0.0, "seconds": length}
+            {
+                "right": right,
+                "wrong": wrong,
+                "kept": kept,
+                "wasted": wasted,
+                "restored": 0.0,
+                "seconds": length,
+            }
         )
         for right, wrong, kept, wasted, length in (
             (1, 0, 3.0, 0.0, 20.0),
@@ -81,15 +100,22 @@ def test_the_gain_of_each_run(logs: list[Path]) -> None:
     ]
 
 
-def test_critical_paths_lead_through_the_tasks_that_were_waited_for(logs: list[Path], tmp_path: Path) -> None:
-    """Not through those that were done ahead in time or in vain; what is undone before the next may begin counts."""
+def test_critical_paths_lead_through_the_tasks_that_were_waited_for(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    """Not through those that were done ahead in time or in vain; what is undone before the next may
+    begin counts.
+    """
     drive, grip, reach = ("base", 8.0), ("gripper", 1.0), ("arm", 3.0)
     ways = {
         logs[0]: [drive, grip, reach, drive],
         logs[1]: [drive, drive, grip, reach, drive],
         logs[2]: [drive, drive, reach, grip, reach, drive],
         written(undone(), tmp_path / "undone"): [drive, reach, grip],
-        written(too_late(), tmp_path / "too late"): [("coordinate fork", 6.0), reach],  # the user took 6 s
+        written(too_late(), tmp_path / "too late"): [
+            ("coordinate fork", 6.0),
+            reach,
+        ],  # the user took 6 s
     }
     for log, way in ways.items():
         run = folded(open_log(log))
@@ -99,16 +125,24 @@ def test_critical_paths_lead_through_the_tasks_that_were_waited_for(logs: list[P
         assert [(resource, seconds) for resource, seconds in steps if seconds > 0] == way
 
 
-def test_marks_of_what_ran_ahead(tca: Tca, logs: list[Path], expect: Callable[[str, str], None]) -> None:
+def test_marks_of_what_ran_ahead(
+    tca: Tca, logs: list[Path], expect: Callable[[str, str], None]
+) -> None:
     chart = tca("gantt", logs[1], "--to", 30, COLUMNS="110").stdout.splitlines()
     asked = (("tree",), ("tree", "--at", 3), ("tree", "--story", 8), ("tree", "--story", 11))
     shown = [tca(command, logs[1], *more, COLUMNS="110").stdout for command, *more in asked]
-    expect("sent_ahead", "\n".join([*sorted(chart), *shown]))  # slots of a module connect in any order
+    expect(
+        "sent_ahead", "\n".join([*sorted(chart), *shown])
+    )  # slots of a module connect in any order
 
 
 def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
     pictures = {}
-    for name, *asked in (("gantt.svg", "gantt"), ("tree.dot", "tree"), ("tree.svg", "tree", "--layout", "outline")):
+    for name, *asked in (
+        ("gantt.svg", "gantt"),
+        ("tree.dot", "tree"),
+        ("tree.svg", "tree", "--layout", "outline"),
+    ):
         assert tca(*asked[:1], logs[1], *asked[1:], "-o", tmp_path / name).exit_code == 0
         pictures[name] = (tmp_path / name).read_text()
     for look in ("ahead", "wasted"):
@@ -119,8 +153,14 @@ def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path
     assert "arm to {11} (ahead, kept) handled by robot / arm" in pictures["gantt.svg"]
 
 
-def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run: Path, tmp_path: Path) -> None:
-    for log, row in ((logs[1], "1 1 1 3 s 11% 2 s 0 s"), (logs[2], "1 0 0 0 s 0.0% 0 s 0 s"), (run, "")):
+def test_a_report_tells_what_the_preview_gained(
+    tca: Tca, logs: list[Path], run: Path, tmp_path: Path
+) -> None:
+    for log, row in (
+        (logs[1], "1 1 1 3 s 11% 2 s 0 s"),
+        (logs[2], "1 0 0 0 s 0.0% 0 s 0 s"),
+        (run, ""),
+    ):
         page = tmp_path / f"{log.name}.html"
         assert tca("report", log, "-o", page).exit_code == 0
         cells = re.findall(r"<tr><td>deliver</td>(.*)</tr>", page.read_text())
@@ -128,7 +168,9 @@ def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run:
         assert ("What the preview gained" in page.read_text()) == bool(row)
 
 
-def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_started_late_is_told_everywhere(
+    tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     journal = written(held_up(), tmp_path / "held up")
     ((machine, runs, _, late),) = gains(folded(open_log(journal)))
     ((why, times),) = late.items()
@@ -136,7 +178,11 @@ def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: 
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
     assert logged == [f"{why.told}: {why.remedy}"], "once, though it ran twice"
     assert "undo=" in why.remedy
-    for name, command in (("report.html", "report"), ("plan.txt", "schedule"), ("plan.svg", "schedule")):
+    for name, command in (
+        ("report.html", "report"),
+        ("plan.txt", "schedule"),
+        ("plan.svg", "schedule"),
+    ):
         assert tca(command, journal, "-o", tmp_path / name).exit_code == 0
         shown = html.unescape(re.sub(r"</text>\s*<[^>]*>", " ", (tmp_path / name).read_text()))
         assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
@@ -157,10 +203,17 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
     run = folded(open_log(log))
     ((task, record),) = coordinators(run)
     found = gain(run, task, record)
-    assert (found.right, found.wrong, found.wasted, found.restored) == pytest.approx((0, 1, 3.0, 3.0))
+    assert (found.right, found.wrong, found.wasted, found.restored) == pytest.approx(
+        (0, 1, 3.0, 3.0)
+    )
     (plan,) = schedules(run, log.name)
-    assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted", "undo arm to(home) current"]
-    restoring = next(one.id for one in record.tasks.values() if not one.is_early and one.agent == "arm")
+    assert [look(box) for box in boxes(plan, "arm")] == [
+        "arm to(box B) wasted",
+        "undo arm to(home) current",
+    ]
+    restoring = next(
+        one.id for one in record.tasks.values() if not one.is_early and one.agent == "arm"
+    )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
     told = tca("tree", log, "--story", restoring).stdout
     assert "undoes what was wasted ahead of the state 'free'" in told

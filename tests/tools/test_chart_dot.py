@@ -36,8 +36,12 @@ def test_arrows() -> None:
     found = []
     for line in chart_dot(machine().chart).splitlines():
         if arrow := re.match(r" *(\w+ -> \w+) \[(.*)\];", line):
-            looks = re.findall(r"style=(\w+)|label=<&#160;(\w+)&#160;>|([lh]\w+=cluster_\d|dir=back)", arrow[2])
-            found.append(" ".join([arrow[1], *sorted(("".join(one) for one in looks), key="dashed".__eq__)]))
+            looks = re.findall(
+                r"style=(\w+)|label=<&#160;(\w+)&#160;>|([lh]\w+=cluster_\d|dir=back)", arrow[2]
+            )
+            found.append(
+                " ".join([arrow[1], *sorted(("".join(one) for one in looks), key="dashed".__eq__)])
+            )
     assert sorted(found) == sorted(ARROWS)
 
 
@@ -51,12 +55,18 @@ def test_a_picture_with_the_active_states(tmp_path: Path) -> None:
     }
     states = {name: classes for name, classes in groups.items() if name.startswith("state-")}
     assert sorted(states) == [f"state-{number}" for number in range(9)]
-    assert {name for name, classes in states.items() if "active" in classes} == {"state-0", "state-3", "state-4"}
+    assert {name for name, classes in states.items() if "active" in classes} == {
+        "state-0",
+        "state-3",
+        "state-4",
+    }
 
 
 def test_what_can_not_be_drawn(tmp_path: Path) -> None:
     sm = machine()
-    with pytest.raises(MisuseError, match=r"a machine can be drawn as .dot, .svg, .png, .pdf, not as 'machine.txt'"):
+    with pytest.raises(
+        MisuseError, match=r"a machine can be drawn as .dot, .svg, .png, .pdf, not as 'machine.txt'"
+    ):
         sm.draw(tmp_path / "machine.txt")
     (tmp_path / "mine.dot").write_text("mine")
     with pytest.raises(MisuseError, match="exists already"):

@@ -1,4 +1,6 @@
-"""Properties of the cases of a whole run: what ``tca check`` says of them, and what the explorer does."""
+"""Properties of the cases of a whole run: what ``tca check`` says of them, and what the explorer
+does.
+"""
 
 from pathlib import Path
 
@@ -48,9 +50,14 @@ def test_cases_are_counted_and_those_that_are_bad_named(journal: Path, file: Pat
     result = run(journal, file)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
-    assert lines.count("good: step has moves, in all cases (2 of 2)") == 1  # though it stands there twice
+    assert (
+        lines.count("good: step has moves, in all cases (2 of 2)") == 1
+    )  # though it stands there twice
     assert "good: step is the first, in at least 50 % of cases (1 of 2)" in lines
-    assert "good: jump has moves, in all cases (which says nothing: in this run there was no case of it)" in lines
+    assert (
+        "good: jump has moves, in all cases (which says nothing: in this run there was no case of it)"
+        in lines
+    )
     broken = next(number for number, line in enumerate(lines) if line.startswith("BROKEN"))
     assert lines[broken].endswith(": step is the first, in all cases")
     assert lines[broken + 1] == "  here it is so in 1 of 2, not with step {5}"
@@ -69,8 +76,10 @@ def test_of_a_run_that_is_not_known_whole_nothing_is_said(tmp_path: Path, file: 
 @pytest.mark.parametrize("case", ["task", "(task, 1)", "(task.id, True)", "(task, True, 'why')"])
 def test_a_case_is_a_message_and_a_truth_value(journal: Path, tmp_path: Path, case: str) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_tools.properties import in_all_cases\ndef it(run):\n    for task in run.tasks.values():\n"
-                    f"        yield {case}\nIT = in_all_cases(it)\n")  # fmt: skip
+    file.write_text(
+        "from tca_tools.properties import in_all_cases\ndef it(run):\n    for task in run.tasks.values():\n"
+        f"        yield {case}\nIT = in_all_cases(it)\n"
+    )
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
     assert "property 'it, in all cases' can't be asked: TypeError: it gave " in result.stderr
@@ -89,8 +98,10 @@ def test_a_share_is_from_0_to_1(share: object) -> None:
 
 def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_tools.properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
-                    "        yield task, False\nFEW = in_at_least(0.9, it, fewest=100)\n")  # fmt: skip
+    file.write_text(
+        "from tca_tools.properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
+        "        yield task, False\nFEW = in_at_least(0.9, it, fewest=100)\n"
+    )
     result = run(journal, file)
     assert result.exit_code == 0
     assert "cases of it: it judges 100 or more" in result.stdout
@@ -108,7 +119,9 @@ def test_cases_come_from_a_function() -> None:
 
 
 def test_the_explorer_has_no_whole_runs() -> None:
-    with pytest.raises(ScenarioError, match="'it, in all cases' counts cases of a whole run: ask it of a journal"):
+    with pytest.raises(
+        ScenarioError, match="'it, in all cases' counts cases of a whole run: ask it of a journal"
+    ):
         Scenario("walking", in_all_cases(it))
 
 

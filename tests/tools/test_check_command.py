@@ -1,4 +1,6 @@
-"""``tca check`` as people use it: what it says, the properties they state, and journals that are not whole."""
+"""``tca check`` as people use it: what it says, the properties they state, and journals that are
+not whole.
+"""
 
 import re
 import subprocess
@@ -24,7 +26,9 @@ Check = Callable[..., Result]
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(check, [str(argument) for argument in arguments], prog_name="tca check")
+    return CliRunner().invoke(
+        check, [str(argument) for argument in arguments], prog_name="tca check"
+    )
 
 
 def written(path: Path, entries: list[Entry], *, closed: bool = True) -> Path:
@@ -47,7 +51,14 @@ def steps(*, ahead: int, slots: int = 3) -> list[Entry]:
         sent.append(player.task("planner/1", "take steps", under=top, flags=flags))
     player.reply("planner/1", top)
     for step in sent:
-        slot = next((slot for slot in ("planner/1", "planner/2", "planner/3") if step in player.delivered(slot)), "")
+        slot = next(
+            (
+                slot
+                for slot in ("planner/1", "planner/2", "planner/3")
+                if step in player.delivered(slot)
+            ),
+            "",
+        )
         player.task(slot, "move", under=step)
         player.reply(slot, step)
         player.reply("legs/1")
@@ -59,20 +70,26 @@ def journal(tmp_path: Path) -> Path:
     return written(tmp_path / "walk.tcaj", walk())
 
 
-# --- the rules -------------------------------------------------------------------------------------------------------
+# --- the rules ------------------------------------------------------------------------------------
 
 
 def test_a_good_run(journal: Path) -> None:
     first, second = (result := run(journal)).stdout.splitlines()
     count, begin, end = len(walk()) + 1, walk()[0].number, walk()[-1].number + 1
-    told = rf"walk.tcaj: \d+ facts in {count} entries \(numbers {begin} to {end}\), 0.00 s to 79.00 s"
+    told = (
+        rf"walk.tcaj: \d+ facts in {count} entries \(numbers {begin} to {end}\), 0.00 s to 79.00 s"
+    )
     assert re.fullmatch(told, first)
     assert (second[:6], second[-6:], result.exit_code) == ("good: ", " rules", 0)
 
 
 def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: Path) -> None:
     entries = walk()
-    place = next(at for at, entry in enumerate(entries) if "returned" in map(kind_of, entry.facts) and at > 31)
+    place = next(
+        at
+        for at, entry in enumerate(entries)
+        if "returned" in map(kind_of, entry.facts) and at > 31
+    )
     entry = entries[place]
     entries[place] = Entry(entry.number, entry.time, lost(entry.facts, 0))
     result = run(written(tmp_path / "broken.tcaj", entries))
@@ -96,7 +113,7 @@ def test_it_runs_as_a_program(journal: Path) -> None:
     assert done.stdout.splitlines()[-1] == "good: never stuck"
 
 
-# --- properties ------------------------------------------------------------------------------------------------------
+# --- properties -----------------------------------------------------------------------------------
 
 
 def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
@@ -110,7 +127,10 @@ def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
     assert bad.exit_code == 1
     lines = bad.stdout.splitlines()
     assert any(line.startswith("BROKEN at ") and line.endswith(wanted) for line in lines)
-    assert "  here 2: take steps {3}, take steps {2}" in lines or "  here 2: take steps {4}, take steps {3}" in lines
+    assert (
+        "  here 2: take steps {3}, take steps {2}" in lines
+        or "  here 2: take steps {4}, take steps {3}" in lines
+    )
     assert any("goal sent by planner" in line for line in lines)
 
 
@@ -146,7 +166,10 @@ def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path)
     story.acted(bake, "stove", 1.0).queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
     journal = story.write(tmp_path / "run")
     missing = run(journal, "--property", "eventually flambé achieved").stdout
-    assert "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}" in missing
+    assert (
+        "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}"
+        in missing
+    )
     assert "no module handles it, " in missing
     ended = run(journal, "--property", "eventually bake suspended").stdout
     assert "  it never did; bake {1} was the last to end\n  the story of bake {1}" in ended
@@ -216,7 +239,11 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
     file.write_text(FILE)
     result = run(journal, file)
     assert result.exit_code == 1
-    good = [line.removeprefix("good: ") for line in result.stdout.splitlines() if line.startswith("good: ")]
+    good = [
+        line.removeprefix("good: ")
+        for line in result.stdout.splitlines()
+        if line.startswith("good: ")
+    ]
     assert set(good[1:]) == {
         "step begun before move begun",
         "at most 1 at the legs",
@@ -231,10 +258,14 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
 
 
 def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_path: Path) -> None:
-    (tmp_path / "walking_messages.py").write_text("from tca_module import Goal\nSTEP = Goal('step', int)\n")
+    (tmp_path / "walking_messages.py").write_text(
+        "from tca_module import Goal\nSTEP = Goal('step', int)\n"
+    )
     file = tmp_path / "properties.py"
-    file.write_text("from tca_tools.explore import at_most, planned_ahead\nfrom walking_messages import STEP\n"
-                    "AHEAD = at_most(1, planned_ahead(STEP))\n")  # fmt: skip
+    file.write_text(
+        "from tca_tools.explore import at_most, planned_ahead\nfrom walking_messages import STEP\n"
+        "AHEAD = at_most(1, planned_ahead(STEP))\n"
+    )
     result = run(journal, file)
     assert (result.exit_code, result.stderr) == (0, "")
     assert "good: at most 1 step planned ahead" in result.stdout
@@ -258,23 +289,33 @@ def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: 
 
 def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_tools.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'")
+    file.write_text(
+        "from tca_tools.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'"
+    )
     result = run(journal, file)
     assert result.exit_code == 2
     assert "property 'it' can't be asked: AttributeError: " in result.stderr
 
 
 @pytest.mark.parametrize("found", ["3", "'move'", "['move']", "1.5"])
-def test_a_predicate_gives_messages_or_a_truth_value(journal: Path, tmp_path: Path, found: str) -> None:
+def test_a_predicate_gives_messages_or_a_truth_value(
+    journal: Path, tmp_path: Path, found: str
+) -> None:
     file = tmp_path / "properties.py"
-    file.write_text(f"from tca_tools.properties import never\ndef f(world): return {found}\nP = never(f)")
+    file.write_text(
+        f"from tca_tools.properties import never\ndef f(world): return {found}\nP = never(f)"
+    )
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert f"property 'never f' can't be asked: TypeError: it gave {found}: a predicate gives the" in result.stderr
+    assert (
+        f"property 'never f' can't be asked: TypeError: it gave {found}: a predicate gives the"
+        in result.stderr
+    )
 
 
 @pytest.mark.parametrize(
-    "found", ["{t for t in world.tasks if t.message == 'walk'}", "world.tasks[0]", "iter(world.tasks)"]
+    "found",
+    ["{t for t in world.tasks if t.message == 'walk'}", "world.tasks[0]", "iter(world.tasks)"],
 )
 def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str) -> None:
     file = tmp_path / "properties.py"
@@ -284,11 +325,13 @@ def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str
     assert "never f\n  walk {3}\n  the story of walk {3}" in run(journal, file).stdout
 
 
-# --- what is counted, and whose story is told ------------------------------------------------------------------------
+# --- what is counted, and whose story is told -----------------------------------------------------
 
 
 def chopping(tmp_path: Path) -> Path:
-    """Three times chop for a cook with one hand: each is begun with the event that ends the one before."""
+    """Three times chop for a cook with one hand: each is begun with the event that ends the one
+    before.
+    """
     player = Player.of("cook: command chop", "user")
     for _ in range(3):
         player.task("user", "chop")
@@ -311,28 +354,38 @@ def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path:
     file.write_text(BEGUN_FILE)
     lines = run(chopping(tmp_path), file).stdout.splitlines()
     assert [line for line in lines if line.startswith("good: ")][1:] == [
-        "good: at most 1 chop begun", "good: at most 1 begun of chop", "good: at most 1 handled of chop",
-    ]  # fmt: skip
+        "good: at most 1 chop begun",
+        "good: at most 1 begun of chop",
+        "good: at most 1 handled of chop",
+    ]
     assert "  here 1: chop {1}" in lines
     ended = run(tmp_path / "chop.tcaj", "--property", "at most 0 achieved of chop").stdout
     assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
 
 
-def test_the_story_is_that_of_a_message_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_story_is_that_of_a_message_that_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "200")  # nothing is cut
     story = Story().module("user").at(1.0)
     for _ in range(10):
         story.queued(story.command("bake", "user"))
     run_of_ten = story.write(tmp_path / "run")
     first = run(run_of_ten, "--property", "never stuck").stdout
-    assert "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n" in first
+    assert (
+        "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n"
+        in first
+    )
     assert "  the story of bake {1} until then:" in first
     newest = run(run_of_ten, "--property", "at most 9 queued of bake").stdout
-    assert "here 10: bake {10}, bake {1}, bake {2}, bake {3}, bake {4}, bake {5} and 4 more\n" in newest
+    assert (
+        "here 10: bake {10}, bake {1}, bake {2}, bake {3}, bake {4}, bake {5} and 4 more\n"
+        in newest
+    )
     assert "  the story of bake {10} until then:" in newest
 
 
-# --- journals that are not whole ------------------------------------------------------------------------------------
+# --- journals that are not whole ------------------------------------------------------------------
 
 
 def test_a_journal_that_is_cut(tmp_path: Path) -> None:
@@ -369,7 +422,9 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     first: Any = entries[0].facts[0]
     middle = len(entries) // 2
     opened = Entry(
-        entries[middle].number, entries[middle].time, [first.__class__(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")]
+        entries[middle].number,
+        entries[middle].time,
+        [first.__class__(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")],
     )
     result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
     assert result.exit_code == 0, result.output

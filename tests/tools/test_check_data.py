@@ -1,4 +1,6 @@
-"""What properties say of data, held against the declarations in the journal; and properties that say nothing."""
+"""What properties say of data, held against the declarations in the journal; and properties that
+say nothing.
+"""
 
 import struct
 import zlib
@@ -26,7 +28,12 @@ FOOT = (
     '{"x":{"type":"number"}}},"mode":{"enum":["slow","fast"]},"why":{"anyOf":[{"type":"string"},{"type":"null"}]}}}},'
     '"$ref":"#/$defs/Foot"}'
 )
-FORMATS = {"move leg": FOOT, "fry": schema_text(str), "count": schema_text(list[int]), "give up": NO_DATA}
+FORMATS = {
+    "move leg": FOOT,
+    "fry": schema_text(str),
+    "count": schema_text(list[int]),
+    "give up": NO_DATA,
+}
 
 
 @pytest.fixture
@@ -38,10 +45,14 @@ def journal(tmp_path: Path) -> Path:
         "move leg": {"leg": 2, "at": {"x": 1.5}, "mode": "slow", "why": None, "more": b"xyz"},
         "fry": "dish 0b",
         "count": [1, 2],
-        "give up": {"reason": "tired"},  # a failure's data, for an exception handler that wants none
+        "give up": {
+            "reason": "tired"
+        },  # a failure's data, for an exception handler that wants none
     }
     for name, data in sent.items():
-        story.at(story.entries[-1].time + 1.0).acted(story.command(name, "user", data=data), "legs", 0.5)
+        story.at(story.entries[-1].time + 1.0).acted(
+            story.command(name, "user", data=data), "legs", 0.5
+        )
     return story.write(tmp_path / "run")
 
 
@@ -75,7 +86,11 @@ def test_data_are_asked_of_what_a_module_handles(journal: Path) -> None:
 def test_what_no_data_can_be_is_refused(journal: Path, approve: Callable[..., None]) -> None:
     def tell(text: str) -> str:
         said = set()
-        for shape in ("never begun of {}", "at most 1 begun of {}", "begun of {} before begun of fry"):
+        for shape in (
+            "never begun of {}",
+            "at most 1 begun of {}",
+            "begun of {} before begun of fry",
+        ):
             asked = shape.format(text)
             result = run(journal, "--property", asked)
             assert (result.exit_code, result.stdout) == (2, "")
@@ -100,21 +115,38 @@ def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothi
 ) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 0
-    assert f"good: {text} (which says nothing: in this run there never was '{what}')\n" in result.stdout
+    assert (
+        f"good: {text} (which says nothing: in this run there never was '{what}')\n"
+        in result.stdout
+    )
     assert result.stdout.count("says nothing") == 1
 
 
 def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Path) -> None:
-    for text in ("never failed of fry", "at most 1 begun of fry", "never killed of move leg with leg=2"):
+    for text in (
+        "never failed of fry",
+        "at most 1 begun of fry",
+        "never killed of move leg with leg=2",
+    ):
         assert run(journal, "--property", text).stdout.endswith(f"good: {text}\n")
 
 
 def test_quotes_keep_what_would_be_words_of_the_language() -> None:
-    head, wanted = split_data("""begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """)
+    head, wanted = split_data(
+        """begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """
+    )
     assert head == "begun of 'x with a=1'"
-    assert [str(one) for one in wanted] == ["b='two,  c=3'", "c='four with d=5'", "d=[1, 2]", "e='\"'"]
+    assert [str(one) for one in wanted] == [
+        "b='two,  c=3'",
+        "c='four with d=5'",
+        "d=[1, 2]",
+        "e='\"'",
+    ]
     held = predicate_from("handled of 'move leg' with leg=2, pose.x=1.5, mode=slow")
-    assert (held.message, held.words) == ("move leg", "move leg handled with leg=2, pose.x=1.5, mode='slow'")
+    assert (held.message, held.words) == (
+        "move leg",
+        "move leg handled with leg=2, pose.x=1.5, mode='slow'",
+    )
 
 
 FILE = """
@@ -126,15 +158,19 @@ MINE = never(begun(Command("fry", str), "dish 0b"))
 """
 
 
-def test_properties_of_the_explorer_say_when_they_say_nothing_too(journal: Path, tmp_path: Path) -> None:
+def test_properties_of_the_explorer_say_when_they_say_nothing_too(
+    journal: Path, tmp_path: Path
+) -> None:
     file = tmp_path / "properties.py"
     file.write_text(FILE)
     told = run(journal, file).stdout
-    assert "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')" in told
+    assert (
+        "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')" in told
+    )
     assert "never fry begun with data='dish 0b'\n  fry {2}\n" in told
 
 
-# --- journals of which something is lost, or not known: nothing is claimed that may not be so ------------------------
+# --- journals of which something is lost, or not known: nothing is claimed that may not be so -----
 
 
 PROPERTIES = [
@@ -163,9 +199,15 @@ def said(text: str, path: Path) -> str:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(tmp_path: Path, seed: int) -> None:
+def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(
+    tmp_path: Path, seed: int
+) -> None:
     entries, chance = walk(), Random(seed)
-    whole, path, file = written(tmp_path / "whole.tcaj", entries), tmp_path / "walk.tcaj", tmp_path / "mine.py"
+    whole, path, file = (
+        written(tmp_path / "whole.tcaj", entries),
+        tmp_path / "walk.tcaj",
+        tmp_path / "mine.py",
+    )
     file.write_text(LOST_FILE)
     holding = [text for text in PROPERTIES if "BROKEN" not in said(text, whole)]
     assert "BROKEN" not in run(whole, file).stdout
@@ -203,7 +245,9 @@ def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
 def test_what_is_still_certain_is_still_found(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_unknown(2))
-    result = run(path, "--property", "never failed of move", "--property", "at most 0 handled of move")
+    result = run(
+        path, "--property", "never failed of move", "--property", "at most 0 handled of move"
+    )
     assert result.stdout.count("BROKEN") == 2
 
 

@@ -33,9 +33,13 @@ SP, EP = Moment.START_PLANNING, Moment.END_PLANNING
 SA, EA = Moment.START_ACHIEVING, Moment.END_ACHIEVING
 
 
-def born(number: int, *, parent: int = 0, kind: MessageClass = MessageClass.GOAL, **more: Any) -> Received:
+def born(
+    number: int, *, parent: int = 0, kind: MessageClass = MessageClass.GOAL, **more: Any
+) -> Received:
     sender, constraints = more.pop("sender", "user"), more.pop("constraints", [])
-    return Received(number, f"m{number}", kind, sender, TaskId(parent), 0, False, NIL, constraints, **more)
+    return Received(
+        number, f"m{number}", kind, sender, TaskId(parent), 0, False, NIL, constraints, **more
+    )
 
 
 def given(number: int, delivery: int = 0, module: str = "legs") -> Delivered:
@@ -55,7 +59,9 @@ def after(one: int, moment: Moment, other: int, then: Moment, delay: float = 0) 
 
 
 def broken(*told: Fact | float) -> set[str]:
-    """The rules that the last of these facts, each an event, is against; a number is the time from then on."""
+    """The rules that the last of these facts, each an event, is against; a number is the time from
+    then on.
+    """
     world, now = JournalWorld([], is_whole=True), 0.0
     for number, one in enumerate(told):
         if isinstance(one, int | float):

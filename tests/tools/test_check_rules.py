@@ -1,4 +1,6 @@
-"""The rules that a journal is held against: what central writes keeps them, and a single fact that is wrong is found."""
+"""The rules that a journal is held against: what central writes keeps them, and a single fact that
+is wrong is found.
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -34,15 +36,27 @@ from tca_wire.vocabulary import MessageClass
 WALK = walk()
 
 WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
-"""Kinds of facts of which one more or less breaks no rule: nothing else in the journal depends on it."""
+"""Kinds of facts of which one more or less breaks no rule: nothing else in the journal depends on
+it.
+"""
 
 
-# --- what central writes keeps the rules -----------------------------------------------------------------------------
+# --- what central writes keeps the rules ----------------------------------------------------------
 
 
 def test_a_walk_with_everything_keeps_all_rules() -> None:
     kinds = {kind_of(fact) for entry in WALK for fact in entry.facts}
-    wanted = {"caught", "retried", "killed", "tested", "tapped", "granted", "delay over", "suspended", "wait ended"}
+    wanted = {
+        "caught",
+        "retried",
+        "killed",
+        "tested",
+        "tapped",
+        "granted",
+        "delay over",
+        "suspended",
+        "wait ended",
+    }
     assert wanted <= kinds
     assert checked(WALK) == []
 
@@ -87,7 +101,7 @@ def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> N
         assert checked(entries[start:]) == []
 
 
-# --- what is wrong is found ------------------------------------------------------------------------------------------
+# --- what is wrong is found -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("change", [lost, twice])
@@ -96,7 +110,8 @@ def test_a_fact_that_is_lost_or_told_twice_is_found(change: Change) -> None:
     kinds = Counter(what.partition(" ")[0] for what in missed)
     for kind in WITHOUT_TRACE:
         del kinds[kind]
-    # That a copy came back, and that it was by a kill that a task ended, is not always known from anything else.
+    # That a copy came back, and that it was by a kill that a task ended, is not always known from
+    # anything else.
     assert kinds <= Counter({"returned": 1, "killed": 1})
 
 
@@ -123,7 +138,10 @@ def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
     player.reply("legs/1")
     entries = [OPENED, *player.entries]
     assert checked(entries) == []
-    left = [replace(entry, facts=[one for one in entry.facts if not isinstance(one, missing)]) for entry in entries]
+    left = [
+        replace(entry, facts=[one for one in entry.facts if not isinstance(one, missing)])
+        for entry in entries
+    ]
     assert {violation.rule for violation in checked(left)} == {rules.WAITS.text}
 
 
@@ -136,13 +154,15 @@ def test_a_monitor_that_keeps_what_it_watches_over() -> None:
     player.reply("planner/1")
     *before, last = [OPENED, *player.entries]
     assert checked([*before, last]) == []
-    ending = next(number for number, fact in enumerate(last.facts) if isinstance(fact, facts.MonitorEnded))
+    ending = next(
+        number for number, fact in enumerate(last.facts) if isinstance(fact, facts.MonitorEnded)
+    )
     (broken,) = checked([*before, replace(last, facts=last.facts[:ending])])
     text = f"watch {{{monitor}}} still watches, and walk {{{walk}}} waits for nothing else"
     assert (broken.rule, broken.what) == (rules.KEPT.text, text)
 
 
-# --- journals of which something is missing --------------------------------------------------------------------------
+# --- journals of which something is missing -------------------------------------------------------
 
 
 def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
@@ -155,7 +175,10 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
 
 def test_a_journal_that_begins_in_the_middle() -> None:
     for start in range(2, len(WALK), 9):
-        assert _gaps(WALK[start:]) == (["it begins in the middle of a segment: what was sent before is not known"], [])
+        assert _gaps(WALK[start:]) == (
+            ["it begins in the middle of a segment: what was sent before is not known"],
+            [],
+        )
 
 
 def test_a_segment_that_is_missing() -> None:
@@ -163,7 +186,9 @@ def test_a_segment_that_is_missing() -> None:
     middle = len(WALK) // 2
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
     gaps, found = _gaps(entries)
-    assert gaps == [f"missing: 1 segment before segment 3; what was sent before {WALK[middle].time:.2f} s is not known"]
+    assert gaps == [
+        f"missing: 1 segment before segment 3; what was sent before {WALK[middle].time:.2f} s is not known"
+    ]
     assert found == []
 
 
@@ -206,7 +231,7 @@ def test_every_rule_names_its_source() -> None:
     assert all(rule.text and rule.source for rule in rules.RULES)
 
 
-# --- wiretaps --------------------------------------------------------------------------------------------------------
+# --- wiretaps -------------------------------------------------------------------------------------
 
 
 Patch = pytest.MonkeyPatch
@@ -222,7 +247,9 @@ class PlayedLife(CheckedLife):
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=40)
-def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_journal_begins(seed: int) -> None:
+def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_journal_begins(
+    seed: int,
+) -> None:
     life = PlayedLife()
     life.go_on(seed, 200)
     assert checked([OPENED, *life.player.entries]) == []
@@ -241,7 +268,9 @@ def what_was_passed_over_is_forgotten(patch: Patch) -> None:
 def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
     hold = Holds.hold
 
-    def hold_less(holds: Holds, leader: Any, at: int, task: Any, moment: int, delay: float = 0) -> None:
+    def hold_less(
+        holds: Holds, leader: Any, at: int, task: Any, moment: int, delay: float = 0
+    ) -> None:
         if moment != START_HANDLING:
             hold(holds, leader, at, task, moment, delay)
 
@@ -268,7 +297,9 @@ def test_what_goes_on_unchecked_is_found(
     told = Transcript()
     told.player.check = False
     blocks = (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]
-    for command in blocks[0].split("\n----")[0].splitlines() + blocks[1].split("\n----")[0].splitlines():
+    for command in (
+        blocks[0].split("\n----")[0].splitlines() + blocks[1].split("\n----")[0].splitlines()
+    ):
         told.play(command)
     for block in blocks[2:]:
         for command in block.split("\n----")[0].splitlines():

@@ -54,7 +54,9 @@ def test_the_help_lists_every_command_in_a_line(tca: Tca) -> None:
     assert "  completion  Print the code that makes a shell complete 'tca'." in lines
 
 
-def test_a_command_runs_without_importing_the_others(tca: Tca, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_runs_without_importing_the_others(
+    tca: Tca, monkeypatch: pytest.MonkeyPatch
+) -> None:
     loaded: list[str] = []
     load = command_line._load
 
@@ -77,7 +79,9 @@ def test_an_unknown_command_suggests_the_nearest(tca: Tca) -> None:
 def test_a_command_that_cant_be_imported(tca: Tca) -> None:
     result = tca("lost", "--anything", "goes")
     assert result.exit_code == 1
-    assert result.stderr.startswith("Error: command 'lost' can't be loaded (No module named 'no_such_package')")
+    assert result.stderr.startswith(
+        "Error: command 'lost' can't be loaded (No module named 'no_such_package')"
+    )
 
 
 def test_an_error_of_a_command_is_one_line_and_an_exit_code(tca: Tca) -> None:
@@ -126,13 +130,19 @@ def test_each_command_that_is_installed_is_called_so_and_stands_in_a_group() -> 
     for name, target in (line.split(" = ") for line in lines):
         module, _, attribute = target.partition(":")
         assert getattr(import_module(module), attribute).name == name
-        assert any(name in group for group in command_line._GROUPS.values()), f"'{name}' is listed under 'More'"
+        assert any(name in group for group in command_line._GROUPS.values()), (
+            f"'{name}' is listed under 'More'"
+        )
 
 
 def test_missing_packages_are_named_in_one_form() -> None:
     root = Path(command_line.__file__).parents[1]
-    said_by = [file.name for folder in ("tca_tools", "tca_tools.live", "tca_wire", "tca_module", "tca_tools.explore")
-               for file in (root / folder).rglob("*.py") if "pip install" in file.read_text()]  # fmt: skip
+    said_by = [
+        file.name
+        for folder in ("tca_tools", "tca_tools.live", "tca_wire", "tca_module", "tca_tools.explore")
+        for file in (root / folder).rglob("*.py")
+        if "pip install" in file.read_text()
+    ]
     assert said_by == ["missing.py"]
     assert missing_package("a .png", "rich", "top", "ask for .svg") == (
         "a .png needs the Python package 'rich': pip install 'tca-central[top]', or ask for .svg"

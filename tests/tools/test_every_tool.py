@@ -1,4 +1,6 @@
-"""What all tools have in common: how they refuse moments that are none, and what they say when nobody takes their output."""
+"""What all tools have in common: how they refuse moments that are none, and what they say when
+nobody takes their output.
+"""
 
 import os
 import resource
@@ -70,13 +72,22 @@ def run(tmp_path: Path) -> Path:
 
 def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
     """``tca``, as a process of its own."""
-    command = [sys.executable, "-c", "from tca_tools.command_line import main; main()", *map(str, arguments)]
-    return subprocess.run(command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, **options)
+    command = [
+        sys.executable,
+        "-c",
+        "from tca_tools.command_line import main; main()",
+        *map(str, arguments),
+    ]
+    return subprocess.run(
+        command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, **options
+    )
 
 
 @contextmanager
 def little_room() -> Iterator[None]:
-    """No file of this process may be larger than 100 bytes; nor is one compiled, or it were cut off for all."""
+    """No file of this process may be larger than 100 bytes; nor is one compiled, or it were cut off
+    for all.
+    """
     before, sys.dont_write_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), True
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -88,7 +99,9 @@ def little_room() -> Iterator[None]:
 
 @pytest.mark.parametrize(("command", "option"), MOMENTS)
 @pytest.mark.parametrize("moment", ["nan", "-1e308", "soon"])
-def test_a_moment_that_is_none_is_refused(tca: Tca, run: Path, command: str, option: str, moment: str) -> None:
+def test_a_moment_that_is_none_is_refused(
+    tca: Tca, run: Path, command: str, option: str, moment: str
+) -> None:
     result = tca(command, run, option, moment)
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"'{option}': '{moment}' is no time: give seconds, such as 12.5\n" in result.stderr
@@ -157,26 +170,39 @@ def with_holes(entries: list[facts.Entry], holes: list[int]) -> bytes:
 
 def every_tool_reads(path: Path, folder: Path) -> None:
     """Each command does what it can, and says in a line that something was left out."""
-    to_files = [f"{command} -o {folder}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)]
+    to_files = [
+        f"{command} -o {folder}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)
+    ]
     for command in [*TO_STDOUT, *to_files]:
         result = CliRunner().invoke(main, [*command.split(), str(path)], prog_name="tca")
-        assert result.exception is None or isinstance(result.exception, SystemExit), (command, result.exception)
+        assert result.exception is None or isinstance(result.exception, SystemExit), (
+            command,
+            result.exception,
+        )
         if "--story" not in command:  # that task may be among what is not known
-            assert (result.exit_code, result.stderr.count("left out")) == (1, 1), (command, result.stderr)
+            assert (result.exit_code, result.stderr.count("left out")) == (1, 1), (
+                command,
+                result.stderr,
+            )
             assert result.stdout or "-o" in command
             assert "BROKEN" not in result.stdout
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.soak)])
 def test_every_tool_goes_on_behind_damaged_entries(tmp_path: Path, seed: int) -> None:
-    entries, chance = walk(), Random(seed)  # drawn by hand: making failures smaller would take minutes
+    entries, chance = (
+        walk(),
+        Random(seed),
+    )  # drawn by hand: making failures smaller would take minutes
     holes = sorted(chance.sample(range(1, len(entries) - 1), chance.choice([1, 3, 12])))
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, holes))
     every_tool_reads(path, tmp_path)
 
 
-def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(tca: Tca, tmp_path: Path) -> None:
+def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(
+    tca: Tca, tmp_path: Path
+) -> None:
     story = Story().module("planner", "step").module("legs", "move").at(1.0)
     step = story.goal("step", "user")
     lost = len(story.entries) - 1
@@ -191,7 +217,11 @@ def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(tca: Tca, tm
 
 
 WIDTHS = [
-    *((tool, columns) for tool in ("tree", "gantt", "stats", "log show", "replay --text") for columns in (80, 250)),
+    *(
+        (tool, columns)
+        for tool in ("tree", "gantt", "stats", "log show", "replay --text")
+        for columns in (80, 250)
+    ),
     ("gantt", 60),
     ("check", 80),
     ("tree --story 1", 80),
@@ -216,7 +246,9 @@ def test_no_line_is_wider_than_the_terminal_whatever_the_names(
     path = tmp_path / "run.tcaj"
     path.write_bytes(story.encoded())
     result = tca(*command.split(), path)
-    assert [line for line in result.stdout.splitlines() if columns_of(unstyle(line)) > columns] == []
+    assert [
+        line for line in result.stdout.splitlines() if columns_of(unstyle(line)) > columns
+    ] == []
     assert result.exit_code in (0, 1)
 
 
@@ -246,13 +278,17 @@ def broken(entries: list[facts.Entry], how: str) -> bytes:
     unknown = msgpack.packb([entries[third].number, entries[third].time, [["brand new", {"a": 2}]]])
     data[third] = struct.pack(">BIBI", 206, len(unknown), 206, zlib.crc32(unknown)) + unknown
     if how == "later version":
-        opened = msgpack.packb([0, 0.0, [["opened", facts.JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9"]]])
+        opened = msgpack.packb(
+            [0, 0.0, [["opened", facts.JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9"]]]
+        )
         data[0] = struct.pack(">BIBI", 206, len(opened), 206, zlib.crc32(opened)) + opened
     return b"".join(data)
 
 
 @pytest.mark.parametrize("how", ["hole", "zeros", "first", "later version"])
-def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(tmp_path: Path, how: str) -> None:
+def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(
+    tmp_path: Path, how: str
+) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(broken(walk(), how))
     every_tool_reads(path, tmp_path)
@@ -273,4 +309,7 @@ def test_a_file_name_that_is_too_long_is_said_in_a_line(
 ) -> None:
     output = tmp_path / ("a" * length + ".svg")
     result = tca(command, run, "-o", output)
-    assert (result.exit_code, result.stderr) == (1, f"Error: {output}: can't be written: File name too long\n")
+    assert (result.exit_code, result.stderr) == (
+        1,
+        f"Error: {output}: can't be written: File name too long\n",
+    )

@@ -45,7 +45,9 @@ def rows(history: History, name: str) -> list[dict[str, Any]]:
 
 
 def test_all_tables(expect: Callable[[str, str], None]) -> None:
-    direct = facts.HandledDirectly("where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark")
+    direct = facts.HandledDirectly(
+        "where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark"
+    )
     text = io.BytesIO()
     for story in (stumbling(), locking().say(direct)):
         for table in TABLES:
@@ -70,8 +72,11 @@ def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
         expected = [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
         assert parquet.read_table(io.BytesIO(typed.getvalue())).to_pylist() == expected
         lines = list(csv.DictReader(io.StringIO(text.getvalue().decode(), newline="")))
-        assert [{name: read(kind, line[name]) for name, kind in table.columns.items()} for line in lines] == [
-            {name: None if value == "" else value for name, value in row.items()} for row in expected
+        assert [
+            {name: read(kind, line[name]) for name, kind in table.columns.items()} for line in lines
+        ] == [
+            {name: None if value == "" else value for name, value in row.items()}
+            for row in expected
         ]
 
 
@@ -104,7 +109,7 @@ def test_the_documentation_names_every_table_and_column() -> None:
             assert f"`{column}`" in part, f"{table.name}: {column}"
 
 
-# --- formats, folders, and what is said when it can't be done --------------------------------------------------------
+# --- formats, folders, and what is said when it can't be done -------------------------------------
 
 
 def exported(*arguments: object) -> Result:
@@ -137,12 +142,17 @@ def test_what_cant_be_written_is_said(run: Path, tmp_path: Path) -> None:
     result = exported(run, "--to", "jsonl", "-o", tmp_path / "folder", "--force")
     assert "folder: can't be written: Is a directory" in result.stderr
     (tmp_path / "file").write_text("")
-    assert "can't be written" in exported(run, "--to", "csv", "-o", tmp_path / "file", "--force").stderr
+    assert (
+        "can't be written"
+        in exported(run, "--to", "csv", "-o", tmp_path / "file", "--force").stderr
+    )
 
 
 @pytest.mark.parametrize("name", ["jsonl", "csv"])
 def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> None:
-    """Of a device the export would become the file; what is tried here is a name that leads to one."""
+    """Of a device the export would become the file; what is tried here is a name that leads to
+    one.
+    """
     output = tmp_path / "device"
     output.symlink_to("/dev/null")
     result = exported(run, "--to", name, "-o", output, "--force")
@@ -154,10 +164,17 @@ def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> N
 @given(st.lists(FACTS, max_size=60))
 @settings(max_examples=6)
 def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
-    """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
-    told = [fact for fact in told if not isinstance(fact, facts.Opened)]  # where another run begins reading ends
+    """What a foreign program has written as a journal: nonsense perhaps, but exported without a
+    stumble.
+    """
+    told = [
+        fact for fact in told if not isinstance(fact, facts.Opened)
+    ]  # where another run begins reading ends
     opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
-    entries = [Entry(0, 0.0, [opening]), *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1))]
+    entries = [
+        Entry(0, 0.0, [opening]),
+        *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1)),
+    ]
     with TemporaryDirectory() as folder:
         run = Path(folder) / "00000001.tcaj"
         try:
@@ -173,7 +190,9 @@ def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> N
 @pytest.mark.parametrize(
     ("name", "content", "complaint"), [("csv", b"", "empty"), ("mcap", b"foreign", "not a journal")]
 )
-def test_of_no_journal_nothing_is_written(tmp_path: Path, name: str, content: bytes, complaint: str) -> None:
+def test_of_no_journal_nothing_is_written(
+    tmp_path: Path, name: str, content: bytes, complaint: str
+) -> None:
     path = tmp_path / "00000001.tcaj"
     path.write_bytes(content)
     result = exported(path, "--to", name, "-o", tmp_path / "out")
@@ -183,8 +202,13 @@ def test_of_no_journal_nothing_is_written(tmp_path: Path, name: str, content: by
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(tmp_path: Path, name: str) -> None:
-    assert exported(Story().write(tmp_path / "quiet"), "--to", name, "-o", tmp_path / "one").exit_code == 0
+def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(
+    tmp_path: Path, name: str
+) -> None:
+    assert (
+        exported(Story().write(tmp_path / "quiet"), "--to", name, "-o", tmp_path / "one").exit_code
+        == 0
+    )
     run = stumbling().write(tmp_path / "run", segments=3)
     assert exported(run / "00000003.tcaj", "--to", name, "-o", tmp_path / "two").exit_code == 0
 
@@ -198,7 +222,13 @@ def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(tmp_p
     ],
 )
 def test_a_missing_package_is_named(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, imported: str, extra: str
+    run: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    module: str,
+    imported: str,
+    extra: str,
 ) -> None:
     monkeypatch.setitem(sys.modules, imported, None)
     monkeypatch.delitem(sys.modules, f"tca_tools.export.{module}", raising=False)
@@ -208,7 +238,9 @@ def test_a_missing_package_is_named(
     assert f"pip install 'tca-central[{extra}]'" in result.stderr
 
 
-def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_cant_be_finished_leave_nothing(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: object) -> Callable[..., None]:
         raise OSError(28, "No space left on device")
 
@@ -218,7 +250,7 @@ def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, mo
     assert [found.name for found in tmp_path.iterdir()] == ["run"]
 
 
-# --- a run that goes on though nothing happens -----------------------------------------------------------------------
+# --- a run that goes on though nothing happens ----------------------------------------------------
 
 
 Tca = Callable[..., Result]
@@ -257,7 +289,9 @@ def test_an_mcap_file_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> 
     assert json.loads(last.data)["message"] == "still running: nothing has happened since 4.000 s"
     assert summary is not None
     assert summary.statistics is not None
-    assert (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9 >= NOW
+    assert (
+        summary.statistics.message_end_time - summary.statistics.message_start_time
+    ) / 1e9 >= NOW
 
 
 def test_tables_say_until_when(tca: Tca, quiet: Path, tmp_path: Path) -> None:
@@ -284,7 +318,9 @@ def test_files_say_so_too(tca: Tca, quiet: Path, tmp_path: Path, command: str) -
     assert "still running" not in out.read_text()
 
 
-def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was_done(tca: Tca, tmp_path: Path) -> None:
+def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was_done(
+    tca: Tca, tmp_path: Path
+) -> None:
     idle = Story().module("legs", "move").at(1.0)
     idle.acted(idle.command("move", "user"), "legs", 1.0)
     run = idle.write(tmp_path / "idle")
@@ -309,15 +345,20 @@ def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path:
     names = {path.name for path in (tmp_path / "open" / "tables").iterdir()}
     assert "messages.csv" in names
     for name in names - {"facts.csv", "events.csv"}:
-        assert (tmp_path / "closed" / "tables" / name).read_text() == (tmp_path / "open" / "tables" / name).read_text()
+        assert (tmp_path / "closed" / "tables" / name).read_text() == (
+            tmp_path / "open" / "tables" / name
+        ).read_text()
 
 
 def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
     log = made("wondering").at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
-    assert "waits for the reply to ask supplier {2} (no module handles it), for 78 s" in tca("tree", log).stdout
+    assert (
+        "waits for the reply to ask supplier {2} (no module handles it), for 78 s"
+        in tca("tree", log).stdout
+    )
 
 
-# --- all commands write over what they have made themselves, and over nothing else -----------------------------------
+# --- all commands write over what they have made themselves, and over nothing else ----------------
 
 
 COMMANDS = [
@@ -329,7 +370,11 @@ COMMANDS = [
 
 
 def written(command: Any, run: Path, output: Path, *more: str) -> Result:
-    if output.suffix in (".png", ".pdf", ".svg") and command is tree and shutil.which("dot") is None:
+    if (
+        output.suffix in (".png", ".pdf", ".svg")
+        and command is tree
+        and shutil.which("dot") is None
+    ):
         more = (*more, "--layout", "outline")
     return CliRunner().invoke(command, [str(run), "-o", str(output), *more])
 

@@ -37,9 +37,9 @@ def topics_of(story: Story) -> dict[str, Topic]:
     write_mcap(story.fold(), story.entries, stream)
     topics: dict[str, Topic] = {}
     last = 0
-    for schema, channel, message in make_reader(io.BytesIO(stream.getvalue()), validate_crcs=True).iter_messages(
-        log_time_order=False
-    ):
+    for schema, channel, message in make_reader(
+        io.BytesIO(stream.getvalue()), validate_crcs=True
+    ).iter_messages(log_time_order=False):
         assert schema is not None
         assert message.log_time >= last, "messages are in the order of time"
         last = message.log_time
@@ -58,7 +58,9 @@ def topics_of(story: Story) -> dict[str, Topic]:
 
 
 def assert_readable(schema: dict[str, Any]) -> None:
-    """Whether Foxglove can read it: it refuses what is not of these forms (foxglove/studio, parseJsonSchema.ts)."""
+    """Whether Foxglove can read it: it refuses what is not of these forms (foxglove/studio,
+    parseJsonSchema.ts).
+    """
     assert schema["type"] == "object"
     for field in schema["properties"].values():
         assert "oneOf" not in field
@@ -106,15 +108,21 @@ def declared(story: Story, message: str, kind: MessageClass, data: Any, reply: A
 
 
 def test_a_topic_for_each_message_with_the_schema_of_its_data() -> None:
-    story = declared(Story().module("legs", "move leg"), "move leg", MessageClass.GOAL, Stance, reply=Foot)
-    move = story.at(1.5).goal("move leg", "user", data=Stance([Foot(2, 0.5)], heights=b"\x01\x02"), to="legs")
+    story = declared(
+        Story().module("legs", "move leg"), "move leg", MessageClass.GOAL, Stance, reply=Foot
+    )
+    move = story.at(1.5).goal(
+        "move leg", "user", data=Stance([Foot(2, 0.5)], heights=b"\x01\x02"), to="legs"
+    )
     story.at(2.5).returned(move, data=Foot(2, 0.75))
     topics = topics_of(story)
     sent, result = topics["/messages/move_leg"], topics["/results/move_leg"]
     assert (sent.message, sent.schema_name, sent.times) == ("move leg", "move leg", [1.5])
     data = {"feet": [{"leg": 2, "x": 0.5}], "heights": {"base64": "AQI="}}
     assert sent.contents == [{"id": 1, "sender": "user", "parent": 0, "origin": 0, "data": data}]
-    assert sent.schema["properties"]["data"]["properties"]["feet"]["items"]["properties"]["x"] == {"type": "number"}
+    assert sent.schema["properties"]["data"]["properties"]["feet"]["items"]["properties"]["x"] == {
+        "type": "number"
+    }
     assert (result.times, result.contents) == ([2.5], [{"id": 1, "data": {"leg": 2, "x": 0.75}}])
     assert result.schema["properties"]["data"]["properties"]["leg"] == {"type": "integer"}
 
@@ -124,7 +132,9 @@ def test_messages_that_are_named_nearly_alike_have_topics_of_their_own() -> None
     for name in ("move leg", "move_leg", "move!leg"):
         story.goal(name, "user")
     topics = topics_of(story)
-    assert [(name, topic.message) for name, topic in topics.items() if name.startswith("/messages")] == [
+    assert [
+        (name, topic.message) for name, topic in topics.items() if name.startswith("/messages")
+    ] == [
         ("/messages/move_leg", "move leg"),
         ("/messages/move_leg_2", "move_leg"),
         ("/messages/move_leg_3", "move!leg"),
@@ -135,9 +145,15 @@ def test_tasks_and_resources_over_time() -> None:
     topics = topics_of(stumbling())
     states = [(content["id"], content["state"]) for content in topics["/tca/tasks"].contents]
     assert [state for task, state in states if task == 7] == ["held", "handling", "failed"]
-    failed = next(content for content in topics["/tca/tasks"].contents if content["state"] == "failed")
+    failed = next(
+        content for content in topics["/tca/tasks"].contents if content["state"] == "failed"
+    )
     assert failed["failure"].startswith("terrain collision: ")
-    planner = [content for content in topics["/tca/resources"].contents if content["resource"] == "gait planner"]
+    planner = [
+        content
+        for content in topics["/tca/resources"].contents
+        if content["resource"] == "gait planner"
+    ]
     assert [(content["running"], content["queued"]) for content in planner][-1] == (0, 0)
     assert max(content["queued"] for content in planner) == 2
     assert all(content["running"] >= 0 for content in planner)
@@ -149,7 +165,9 @@ def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> 
     told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
     assert set(told) == {not top_fails}
     assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])
-    levels = [row["level"] for row in topics["/tca/log"].contents if row["message"].startswith("failed: ")]
+    levels = [
+        row["level"] for row in topics["/tca/log"].contents if row["message"].startswith("failed: ")
+    ]
     assert levels == [4 if top_fails else 3]  # Foxglove's error, or warning
 
 
@@ -170,7 +188,9 @@ def test_the_progress_of_a_task_has_a_topic() -> None:
     grasp = TaskId(story.command("grasp", "planner", to="arm"))
     for force in (2, 3):
         body = msgspec.msgpack.encode({"force": force})
-        step = facts.StateChanged(grasp, "result available", "running", force, Party.SERVER, "arm", "", body)
+        step = facts.StateChanged(
+            grasp, "result available", "running", force, Party.SERVER, "arm", "", body
+        )
         story.at(float(force)).say(step)
     told = topics_of(story)["/progress/grasp"]
     assert (told.times, [one["data"]["force"] for one in told.contents]) == ([2.0, 3.0], [2, 3])
@@ -193,13 +213,22 @@ def test_a_reader_finds_what_it_looks_for_without_reading_all(tmp_path: Path) ->
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert {channel.topic for channel in summary.channels.values()} >= {"/messages/take_steps", "/tca/tasks"}
-        assert (summary.statistics.message_start_time - BEGAN, summary.statistics.message_end_time - BEGAN) == (
+        assert {channel.topic for channel in summary.channels.values()} >= {
+            "/messages/take_steps",
+            "/tca/tasks",
+        }
+        assert (
+            summary.statistics.message_start_time - BEGAN,
+            summary.statistics.message_end_time - BEGAN,
+        ) == (
             0,
             int(3.4 * SECOND),
         )
         found = list(reader.iter_messages(topics=["/messages/move_leg"]))
-        assert [message.log_time - BEGAN for _, _, message in found] == [int(1.4 * SECOND), int(2.2 * SECOND)]
+        assert [message.log_time - BEGAN for _, _, message in found] == [
+            int(1.4 * SECOND),
+            int(2.2 * SECOND),
+        ]
         assert {metadata.name: metadata.metadata for metadata in reader.iter_metadata()} == {
             "tca": {"epoch": "epoch", "began": "1700000000.0"}
         }
@@ -218,7 +247,10 @@ def test_a_reader_finds_what_it_looks_for_without_reading_all(tmp_path: Path) ->
         (tuple[float, float], {"type": "array", "items": {"type": "number"}}),
         (tuple[float, str], None),
         (dict[str, int], {"type": "object", "properties": {}}),
-        (Foot, {"type": "object", "properties": {"leg": {"type": "integer"}, "x": {"type": "number"}}}),
+        (
+            Foot,
+            {"type": "object", "properties": {"leg": {"type": "integer"}, "x": {"type": "number"}}},
+        ),
         (bytes, object_schema("bytes", base64={"type": "string", "contentEncoding": "base64"})),
         (Any, None),
     ],
@@ -233,17 +265,29 @@ class Node(msgspec.Struct):
 
 
 def test_schemas_that_hold_themselves_and_bad_ones() -> None:
-    assert plain_schema(schema_text(Node)) == {"type": "object", "properties": {"value": {"type": "integer"}}}
+    assert plain_schema(schema_text(Node)) == {
+        "type": "object",
+        "properties": {"value": {"type": "integer"}},
+    }
     assert plain_schema("") is None
     assert plain_schema("no JSON") is None
     assert plain_schema("[1, 2]") is None
     assert plain_schema('{"$ref": "#/$defs/nobody"}') is None
-    assert plain_schema('{"type": "object", "properties": 5, "$defs": 5}') == {"type": "object", "properties": {}}
+    assert plain_schema('{"type": "object", "properties": 5, "$defs": 5}') == {
+        "type": "object",
+        "properties": {},
+    }
 
 
 def test_a_schema_of_a_few_lines_does_not_become_endless() -> None:
     below = {
-        f"T{n}": {"type": "object", "properties": {c: {"$ref": f"#/$defs/T{n + 1}"} for c in "abcd"}} for n in range(30)
+        f"T{n}": {
+            "type": "object",
+            "properties": {c: {"$ref": f"#/$defs/T{n + 1}"} for c in "abcd"},
+        }
+        for n in range(30)
     }
-    plain = plain_schema(json.dumps({"$ref": "#/$defs/T0", "$defs": below | {"T30": {"type": "number"}}}))
+    plain = plain_schema(
+        json.dumps({"$ref": "#/$defs/T0", "$defs": below | {"T30": {"type": "number"}}})
+    )
     assert len(json.dumps(plain)) < 1_000_000

@@ -1,4 +1,6 @@
-"""A Perfetto trace: its tracks, slices, arrows and counters, read back by the rules of Perfetto's trace processor."""
+"""A Perfetto trace: its tracks, slices, arrows and counters, read back by the rules of Perfetto's
+trace processor.
+"""
 
 import os
 import shutil
@@ -25,9 +27,14 @@ def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: 
     story = Story().module("oven", "heat").at(1.0)
     for resource in ("meter", "chamber"):
         story.delivered(story.command("bake", "user"), "oven", resource)
-    tracks = [track for track in trace_of(story.at(2.0).fold()).tracks.values() if track.parent_uuid]
+    tracks = [
+        track for track in trace_of(story.at(2.0).fold()).tracks.values() if track.parent_uuid
+    ]
     in_order = sorted(tracks, key=lambda track: track.sibling_order_rank)
-    assert [track.name for track in in_order if track.name in ("meter", "chamber")] == ["meter", "chamber"]
+    assert [track.name for track in in_order if track.name in ("meter", "chamber")] == [
+        "meter",
+        "chamber",
+    ]
 
 
 def test_handlings_that_overlap_have_lanes_that_are_shown_as_one_track(tmp_path: Path) -> None:
@@ -49,7 +56,9 @@ def test_a_thousand_waits_at_a_time(tmp_path: Path) -> None:
     story = Story().module("planner", "plan")
     plan = story.goal("plan", "user", to="planner")
     for number in range(1000):
-        story.at(1.0 + number / 1000).received("where", QUERY, "planner", origin=plan, blocking=True)
+        story.at(1.0 + number / 1000).received(
+            "where", QUERY, "planner", origin=plan, blocking=True
+        )
     for number in range(1000, 0, -1):
         story.at(3.0 - number / 1000).say(facts.Answered(1 + number))
     read = trace_of(story.fold())
@@ -66,7 +75,14 @@ def test_a_thousand_messages_of_one_moment_are_one_event(tmp_path: Path) -> None
 
 
 def test_large_data_is_text_and_odd_data_are_told(tmp_path: Path) -> None:
-    odd = {"many": list(range(500)), "big": 2**64 - 1, "none": None, "yes": True, "inf": float("inf"), 3: b"\x00"}
+    odd = {
+        "many": list(range(500)),
+        "big": 2**64 - 1,
+        "none": None,
+        "yes": True,
+        "inf": float("inf"),
+        3: b"\x00",
+    }
     story = Story().module("map", "where").at(1.0)
     story.delivered(story.goal("where", "x", data=odd), "map")
     few = {key: value for key, value in odd.items() if key != "many"}
@@ -95,21 +111,29 @@ def test_lanes() -> None:
         (TraceSpan(5, None), "d"),
         (TraceSpan(6, 6), "e"),
     ]
-    assert [[thing for _, thing in lane] for lane in in_lanes(crossing)] == [["a", "d"], ["b", "e"], ["c"]]
+    assert [[thing for _, thing in lane] for lane in in_lanes(crossing)] == [
+        ["a", "d"],
+        ["b", "e"],
+        ["c"],
+    ]
 
 
 SHELL = os.environ.get("TRACE_PROCESSOR_SHELL") or shutil.which("trace_processor_shell")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(SHELL is None, reason="no trace_processor_shell (name one in $TRACE_PROCESSOR_SHELL)")
+@pytest.mark.skipif(
+    SHELL is None, reason="no trace_processor_shell (name one in $TRACE_PROCESSOR_SHELL)"
+)
 def test_perfettos_own_trace_processor_finds_no_error(tmp_path: Path) -> None:
     from perfetto.trace_processor import TraceProcessor, TraceProcessorConfig
 
     path = tmp_path / "run.pftrace"
     read = trace_of(stumbling().fold())
     with TraceProcessor(trace=str(path), config=TraceProcessorConfig(bin_path=SHELL)) as processor:
-        errors = processor.query("select name, value from stats where severity != 'info' and value > 0")
+        errors = processor.query(
+            "select name, value from stats where severity != 'info' and value > 0"
+        )
         assert [(row.name, row.value) for row in errors] == []
         assert next(iter(processor.query("select count(*) as n from slice"))).n == len(read.slices)
         assert next(iter(processor.query("select count(*) as n from flow"))).n == len(read.arrows())

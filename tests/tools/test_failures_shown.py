@@ -52,14 +52,20 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
     told = made("not_replaced" if top_fails else "replaced")
-    run, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
+    run, word, colour = (
+        told.fold(),
+        "failed" if top_fails else HANDLED,
+        RED if top_fails else YELLOW,
+    )
     at, rows = RunAt(run), whole_outline(RunAt(run))
     assert at.tasks[STEP].standing == word
     assert title(at).endswith(f"1 {word}" + ", 1 killed" * top_fails)
     assert summary(run).tasks[word] == 1
     assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
     assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
-    grown = growth_lines(Recording(told.entries), 0.0, None)  # when it failed nobody knew what would become of that
+    grown = growth_lines(
+        Recording(told.entries), 0.0, None
+    )  # when it failed nobody knew what would become of that
     assert [line for line in grown if f"{RED}failed\x1b[0m, blind" in line]
     assert colour_of(word) == ("red" if top_fails else "yellow")
     for picture in (dot_source(at, rows, ""), outline_svg(at, rows, "")):
@@ -81,14 +87,18 @@ def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
 def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
     folder = made("in_recovery").write(tmp_path / "walk")
     line = tca("tree", folder).stdout.splitlines()[2]
-    assert line.endswith("slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s")
+    assert line.endswith(
+        "slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s"
+    )
     assert (
         tca("tree", folder, "--at", 2.5)
         .stdout.splitlines()[2]
         .endswith("slip: on ice; waits until recover {2} has dealt with its failure, for 500 ms")
     )
     at = RunAt(made("in_recovery").fold())
-    assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(at, whole_outline(at), "")
+    assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(
+        at, whole_outline(at), ""
+    )
 
 
 @pytest.mark.parametrize("width", [10, 40, 49, 79])
@@ -113,7 +123,7 @@ def test_deep_trees_keep_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) ->
     assert all("step {" in line for line in lines[2:])
 
 
-# --- failures that are raised beside the handler ---------------------------------------------------------------------
+# --- failures that are raised beside the handler --------------------------------------------------
 
 
 def test_charts_mark_the_moment() -> None:
@@ -121,7 +131,9 @@ def test_charts_mark_the_moment() -> None:
     (row,) = drawn.rows
     assert [mark.time for bar in row.handled for mark in bar.marks] == [3.0]
     (mark,) = row.queued[0].marks
-    assert mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
+    assert (
+        mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
+    )
     picture = svg_text(drawn, "late")
     assert mark.title.replace("'", "&#x27;") in picture
     assert "failure raised beside the handler" in picture
@@ -145,25 +157,41 @@ def test_exports_and_the_page_tell_the_data_of_a_failure_apart(run: Path) -> Non
     assert (answer["result"], answer["failureData"]) == ("", json.dumps(force))
 
 
-# --- A run of five programs that fails: a failure that was only observed, and two that were resolved, in every tool
+# --- A run of five programs that fails: a failure that was only observed, and two that were resolve
 
 
-RESOLVED, FAILED, KILLED, ACHIEVED = TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ACHIEVED
+RESOLVED, FAILED, KILLED, ACHIEVED = (
+    TaskState.RESOLVED,
+    TaskState.FAILED,
+    TaskState.KILLED,
+    TaskState.ACHIEVED,
+)
 
 
 @pytest.fixture(scope="module")
 def resolved_entries() -> list[Entry]:
-    """A walk whose step was mended, a step of the user's that was, and a walk whose step somebody only looked at."""
+    """A walk whose step was mended, a step of the user's that was, and a walk whose step somebody
+    only looked at.
+    """
     robot = Player.of(
-        "planner: goal walk", "legs: command step, command swing", "expert: exception handler mend",
-        "watcher: exception handler look", "safety: command check", "user",
-    )  # fmt: skip
+        "planner: goal walk",
+        "legs: command step, command swing",
+        "expert: exception handler mend",
+        "watcher: exception handler look",
+        "safety: command check",
+        "user",
+    )
     robot.request("user", headers.Attach, Attachment("", "look"))
     robot.request("safety/1", headers.Tap, Condition.BEFORE_HANDLING, "check", "step")
     mend = [Attachment("slip", "mend")]
     for is_in_walk, is_mended in ((True, True), (False, True), (True, False)):
         under = robot.task("user", "walk") if is_in_walk else 0
-        robot.task("planner/1" if is_in_walk else "user", "step", under=under, attachments=mend if is_mended else [])
+        robot.task(
+            "planner/1" if is_in_walk else "user",
+            "step",
+            under=under,
+            attachments=mend if is_mended else [],
+        )
         if is_in_walk:
             robot.task("planner/1", "swing", under=under)
             robot.reply("planner/1")
@@ -195,7 +223,9 @@ def test_states_are_green_only_where_all_went_well(resolved_run: History) -> Non
     assert states(resolved_run, "step") == [RESOLVED, RESOLVED, FAILED]
     assert states(resolved_run, "walk") == [ACHIEVED, KILLED]
     assert states(resolved_run, "swing") == [ACHIEVED, KILLED]
-    assert [bar.ending for bar in chart(resolved_run).bars() if bar.name == "step" and bar.ending] == [
+    assert [
+        bar.ending for bar in chart(resolved_run).bars() if bar.name == "step" and bar.ending
+    ] == [
         Ending.RESOLVED,
         Ending.RESOLVED,
         Ending.FAILED,
@@ -212,7 +242,9 @@ def test_every_tool_says_done_after_a_failure(path: Path, tca: Any) -> None:
     for command in ("tree", "gantt", "stats"):
         assert Outcome.RESOLVED in tca(command, path).stdout, command
     tree = [line for line in tca("tree", path).stdout.splitlines() if "step {" in line]
-    assert [str(state) in line for state, line in zip((RESOLVED, RESOLVED, FAILED), tree, strict=True)] == [True] * 3
+    assert [
+        str(state) in line for state, line in zip((RESOLVED, RESOLVED, FAILED), tree, strict=True)
+    ] == [True] * 3
     page = path.parent / "report.html"
     assert not tca("report", path, "-o", page).exit_code
     assert "s-resolved" in page.read_text()
@@ -232,5 +264,11 @@ def test_check_finds_what_was_only_observed_and_recovered(resolved_entries: list
     assert checked(resolved_entries) == []
     unsaid = checked(changed(resolved_entries, facts.Resolved, lambda _: None))
     assert {one.rule for one in unsaid} == {rules.RESOLVED.text}
-    green = checked(changed(resolved_entries, facts.NotResolved, lambda fact: facts.Recovered(fact.task, fact.handler)))
+    green = checked(
+        changed(
+            resolved_entries,
+            facts.NotResolved,
+            lambda fact: facts.Recovered(fact.task, fact.handler),
+        )
+    )
     assert rules.RESOLVED.text in {one.rule for one in green}

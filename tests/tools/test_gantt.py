@@ -1,4 +1,6 @@
-"""``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the chart as text."""
+"""``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the
+chart as text.
+"""
 
 import re
 from collections.abc import Callable
@@ -34,7 +36,7 @@ def row_of(story: Story, label: str, pick: Pick = ALL) -> ResourceRow:
     return next(row for row in chart(story.fold(), pick=pick).rows if row.label == label)
 
 
-# --- approved ---------------------------------------------------------------------------------------------------------
+# --- approved -------------------------------------------------------------------------------------
 
 
 def test_all_bars(expect: Expect) -> None:
@@ -43,7 +45,10 @@ def test_all_bars(expect: Expect) -> None:
         chart(locking().fold()),
         chart(walking().fold(), pick=Pick(messages={2, 3}, beside={5}, held={3})),
     ]
-    expect("gantt_bars", "\n".join(line for drawing in drawings for line in all_of_a_chart(drawing)) + "\n")
+    expect(
+        "gantt_bars",
+        "\n".join(line for drawing in drawings for line in all_of_a_chart(drawing)) + "\n",
+    )
 
 
 def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) -> None:
@@ -58,11 +63,19 @@ def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) 
     expect("gantt", "\n".join(one.stdout for one in shown))
 
 
-# --- rows and bars ----------------------------------------------------------------------------------------------------
+# --- rows and bars --------------------------------------------------------------------------------
 
 
-def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(tca: Tca, tmp_path: Path) -> None:
-    story = Story().module("legs", "move").module("user").at(5.0).module("lamp", "shine", resource="bulb")
+def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(
+    tca: Tca, tmp_path: Path
+) -> None:
+    story = (
+        Story()
+        .module("legs", "move")
+        .module("user")
+        .at(5.0)
+        .module("lamp", "shine", resource="bulb")
+    )
     story.at(10.0).acted(story.command("move", "user"), "legs", 10.0)
     story.at(30.0).acted(story.command("move", "user"), "legs", 10.0)
     log = story.write(tmp_path / "run")
@@ -79,7 +92,11 @@ def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_the
 
 def test_a_part_of_the_time_keeps_the_colours() -> None:
     whole, part = chart(stumbling().fold()), chart(stumbling().fold(), 3.0, 4.0)
-    assert part.names == whole.names == ["traverse arc", "take steps", "elevation map", "move leg", "move body"]
+    assert (
+        part.names
+        == whole.names
+        == ["traverse arc", "take steps", "elevation map", "move leg", "move body"]
+    )
     assert [len(row.handled) for row in part.rows] == [1, 0, 0, 2]
 
 
@@ -107,7 +124,7 @@ def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
     assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
 
 
-# --- what is asked for ------------------------------------------------------------------------------------------------
+# --- what is asked for ----------------------------------------------------------------------------
 
 
 def test_only_some_modules(tca: Tca, run: Path) -> None:
@@ -119,18 +136,33 @@ def test_only_some_modules(tca: Tca, run: Path) -> None:
 
 def test_only_a_subtree_with_what_its_handlers_ask(tca: Tca, run: Path) -> None:
     shown = tca("gantt", run, "--task", 3).stdout
-    assert [line.split("  ")[0] for line in shown.splitlines()[3:6]] == ["gait planner", "", "perception"]
+    assert [line.split("  ")[0] for line in shown.splitlines()[3:6]] == [
+        "gait planner",
+        "",
+        "perception",
+    ]
     assert "controller" not in shown  # take steps {3} never got as far
     assert "held" not in shown  # only a story tells that
-    assert "controller" in tca("gantt", run, "--task", "take steps").stdout  # all tasks of that name
+    assert (
+        "controller" in tca("gantt", run, "--task", "take steps").stdout
+    )  # all tasks of that name
 
 
 def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
     for asked, said in (
-        (("--task", "take step"), "no task 'take step' in this journal: did you mean 'take steps'?"),
+        (
+            ("--task", "take step"),
+            "no task 'take step' in this journal: did you mean 'take steps'?",
+        ),
         (("--task", 99), "no task '99' in this journal"),
-        (("--task", 5), "elevation map {5} is a query, no task: 'tca tree --story 5' tells what became of it"),
-        (("--story", "take steps"), "3 tasks are called 'take steps': name one by its number: 2, 3, 4"),
+        (
+            ("--task", 5),
+            "elevation map {5} is a query, no task: 'tca tree --story 5' tells what became of it",
+        ),
+        (
+            ("--story", "take steps"),
+            "3 tasks are called 'take steps': name one by its number: 2, 3, 4",
+        ),
     ):
         result = tca("gantt", run, *asked)
         assert result.exit_code == 1
@@ -152,7 +184,7 @@ def test_as_it_was(tca: Tca, run: Path) -> None:
     assert "█!" in part  # what went on at 4.0 s failed later
 
 
-# --- from when until when it goes by itself ---------------------------------------------------------------------------
+# --- from when until when it goes by itself -------------------------------------------------------
 
 
 def now_of(story: Story, *, is_live: bool = True) -> History:
@@ -190,7 +222,9 @@ def test_what_goes_on_reaches_until_now() -> None:
     moving, waiting, monitored = Story().module("legs", "move").at(10.0), moved(), moved()
     moving.delivered(moving.command("move", "user"), "legs")
     waiting.queued(waiting.command("fly", "user"))
-    monitored.at(30.0).received("watch", MessageClass.POINT_MONITOR, "user")  # nobody has begun to watch
+    monitored.at(30.0).received(
+        "watch", MessageClass.POINT_MONITOR, "user"
+    )  # nobody has begun to watch
     for story in (walking(), moving, waiting, monitored):
         assert chart(now_of(story)).end == NOW
 
@@ -205,7 +239,12 @@ def test_a_task_that_is_held_has_no_bar_but_goes_on() -> None:
 
 
 def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_there() -> None:
-    story = moved().at(25.0).module("eyes").say(facts.Claimed(90, "legs", "legs", False, "eyes", TaskId(0)))
+    story = (
+        moved()
+        .at(25.0)
+        .module("eyes")
+        .say(facts.Claimed(90, "legs", "legs", False, "eyes", TaskId(0)))
+    )
     story.say(facts.Granted(90))
     monitor = story.received("look", MessageClass.DEMON_MONITOR, "user", to="legs")
     story.returned(monitor)
@@ -214,7 +253,9 @@ def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_ther
     assert 40.0 < chart(now_of(story)).end < 41.0
 
 
-def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(tmp_path: Path, tca: Tca) -> None:
+def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(
+    tmp_path: Path, tca: Tca
+) -> None:
     story = Story().module("legs", "move").module("user").at(1.0)
     first, second = story.command("move", "user"), story.command("move", "user")
     story.queued(second, "legs").acted(first, "legs", 1.0).acted(second, "legs", 1.0)
@@ -231,7 +272,7 @@ def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(
         assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {said}"
 
 
-# --- very many, very short, and odd ------------------------------------------------------------------------------------
+# --- very many, very short, and odd ---------------------------------------------------------------
 
 
 def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
@@ -249,11 +290,17 @@ def test_narrow_bars_are_put_together_only_with_neighbours() -> None:
         story.at(float(number)).acted(story.command("step", "x"), "legs", 0.01)
     wide, blocks = in_blocks(row_of(story, "legs").handled, 0.0, 2.0, 0.5)
     assert ([bar.start for bar in wide], [len(block.parts) for block in blocks]) == ([2.0], [2])
-    assert (round(blocks[0].start, 6), blocks[0].end, round(share_of(blocks[0]), 3)) == (0.0, 1.01, 0.02)
+    assert (round(blocks[0].start, 6), blocks[0].end, round(share_of(blocks[0]), 3)) == (
+        0.0,
+        1.01,
+        0.02,
+    )
 
 
 @pytest.mark.parametrize("is_suspended", [True, False])
-def test_of_many_that_wait_the_number_is_shown(tca: Tca, tmp_path: Path, *, is_suspended: bool) -> None:
+def test_of_many_that_wait_the_number_is_shown(
+    tca: Tca, tmp_path: Path, *, is_suspended: bool
+) -> None:
     story = Story().module("legs", "step")
     ids = [story.at(number * 1.0).received("step", COMMAND, "x") for number in range(40)]
     for number in ids:
@@ -262,7 +309,9 @@ def test_of_many_that_wait_the_number_is_shown(tca: Tca, tmp_path: Path, *, is_s
         else:
             story.queued(number, "legs")
     for number in ids:
-        story.at(100.0 + number).say(*[facts.SuspendedOrResumed(TaskId(number), False)] * is_suspended)
+        story.at(100.0 + number).say(
+            *[facts.SuspendedOrResumed(TaskId(number), False)] * is_suspended
+        )
         story.delivered(number, "legs").returned(number)
     row = row_of(story, SUSPENDED if is_suspended else "legs")
     assert max(number for *_, number in queue_lengths(row.queued, 0.0, 10.0)) == 40
@@ -273,7 +322,9 @@ def test_of_many_that_wait_the_number_is_shown(tca: Tca, tmp_path: Path, *, is_s
 def test_a_short_wait_looks_like_one() -> None:
     """However little room it has: what a program waits for is not handled."""
     story = Story().module("legs", "move").module("guest").at(1.0)
-    story.say(facts.Claimed(90, "legs", "legs", False, "guest", TaskId(0))).at(1.001).say(facts.Granted(90))
+    story.say(facts.Claimed(90, "legs", "legs", False, "guest", TaskId(0))).at(1.001).say(
+        facts.Granted(90)
+    )
     story.at(1.5).say(facts.ClaimEnded(90, "released")).at(2.0)
     story.acted(story.command("move", "user"), "legs", 20.0)
     lines = {line[:5].strip(): line for line in chart_lines(chart(story.fold()), 60)}

@@ -38,9 +38,15 @@ def shapes(picture: str) -> str:
     lines = []
     for one in ET.fromstring(picture).iter():
         look = one.get("class") or one.get("fill", "")
-        where = f"{float(one.get('x', 0)):.0f}" + (f"+{float(one.get('width', 0)):.0f}" if one.get("width") else "")
-        if one.tag in (f"{SVG}rect", f"{SVG}text", f"{SVG}path") and (one.get("x") or one.tag == f"{SVG}path"):
-            lines.append(f"{one.tag.removeprefix(SVG)} {look} {where}: {one.findtext(f'{SVG}title') or one.text or ''}")
+        where = f"{float(one.get('x', 0)):.0f}" + (
+            f"+{float(one.get('width', 0)):.0f}" if one.get("width") else ""
+        )
+        if one.tag in (f"{SVG}rect", f"{SVG}text", f"{SVG}path") and (
+            one.get("x") or one.tag == f"{SVG}path"
+        ):
+            lines.append(
+                f"{one.tag.removeprefix(SVG)} {look} {where}: {one.findtext(f'{SVG}title') or one.text or ''}"
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -48,7 +54,9 @@ def test_the_picture(expect: Callable[[str, str], None]) -> None:
     expect("gantt_picture", shapes(drawn(stumbling())) + shapes(drawn(locking())))
 
 
-def shop(*failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1) -> Story:
+def shop(
+    *failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1
+) -> Story:
     """Many short steps, each in the next row, of which some end otherwise."""
     story = Story()
     for number in range(rows):
@@ -60,11 +68,14 @@ def shop(*failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, ro
     return story
 
 
-# --- what means what ---------------------------------------------------------------------------------------------------
+# --- what means what ------------------------------------------------------------------------------
 
 
 def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
-    found = re.findall(r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502)))
+    found = re.findall(
+        r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>',
+        drawn(shop(100, 500, 501, 502)),
+    )
     [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
     assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
     assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
@@ -102,7 +113,9 @@ def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca:
     assert titled["move {2} handled by legs"] == "beside"  # had the legs
     assert titled["look {3} handled by eyes"] == "beside"  # had locked them
     assert "adjust {5} handled by legs" not in titled
-    written = {one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")}
+    written = {
+        one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")
+    }
     assert written["look"] == "in"  # dark: white could not be read there
 
 
@@ -140,7 +153,10 @@ def test_no_colour_of_a_message_is_that_of_something_else() -> None:
 def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
     name = "controller of the left " * 3
     picture = drawn(Story().module(name, "move").module("legs", "step"))
-    assert re.findall(r'class="label"[^>]*>(.*?)</text>', picture) == [f"{name[:39]}…<title>{name}</title>", "legs"]
+    assert re.findall(r'class="label"[^>]*>(.*?)</text>', picture) == [
+        f"{name[:39]}…<title>{name}</title>",
+        "legs",
+    ]
 
 
 def test_hostile_names_are_escaped() -> None:
@@ -165,14 +181,17 @@ def test_the_width_of_a_text(words: str, pixels: float) -> None:
     assert pixels <= width_of(words) <= 1.25 * pixels + 4
 
 
-# --- queues -------------------------------------------------------------------------------------------------------------
+# --- queues ---------------------------------------------------------------------------------------
 
 SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
 def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> ResourceRow:
     """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
-    waiting = [Bar("step", start, end, kind=BarKind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
+    waiting = [
+        Bar("step", start, end, kind=BarKind.QUEUED, lane=lane)
+        for lane, (start, end) in enumerate(bars)
+    ]
     return ResourceRow("legs", queued=waiting, is_nobodys=is_nobodys)
 
 
@@ -217,7 +236,7 @@ def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
     assert ">suspended</text>" not in picture
 
 
-# --- very many ----------------------------------------------------------------------------------------------------------
+# --- very many ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("steps", [4, 300])
@@ -234,19 +253,30 @@ def test_a_long_run_is_a_picture_of_bounded_size() -> None:
     picture = drawn(shop(steps=7_000, rows=10))
     assert float(ET.fromstring(picture).get("width", 0)) <= 2_000
     assert picture.count("<rect") < 6_000
-    assert re.search(r"\d+ messages from [\d.]+ s to [\d.]+ s, [\d.]+% of the time: \d+ step", picture)
+    assert re.search(
+        r"\d+ messages from [\d.]+ s to [\d.]+ s, [\d.]+% of the time: \d+ step", picture
+    )
 
 
-# --- files --------------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
 
 
 def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
-    beginnings = {"svg": b"<svg", "txt": b"run: 0.42", "html": b"<!doctype html>", "png": b"\x89PNG", "pdf": b"%PDF"}
+    beginnings = {
+        "svg": b"<svg",
+        "txt": b"run: 0.42",
+        "html": b"<!doctype html>",
+        "png": b"\x89PNG",
+        "pdf": b"%PDF",
+    }
     for kind, beginning in beginnings.items():
         result = tca("gantt", run, "-o", tmp_path / f"chart.{kind}")
         assert result.exit_code == 0, result.stderr
         assert (tmp_path / f"chart.{kind}").read_bytes().startswith(beginning)
-    assert "must end in .svg, .png, .pdf, .html or .txt" in tca("gantt", run, "-o", tmp_path / "chart.gif").stderr
+    assert (
+        "must end in .svg, .png, .pdf, .html or .txt"
+        in tca("gantt", run, "-o", tmp_path / "chart.gif").stderr
+    )
 
 
 def test_a_picture_that_needs_a_package_says_which(

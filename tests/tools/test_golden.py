@@ -1,7 +1,7 @@
 """Journals of former days, which every later version reads as what they were.
 
-A journal of a version that is released never changes. While it is not, whoever changes a fact removes the file and
-runs this with ``--rewrite``: then it is made anew.
+A journal of a version that is released never changes. While it is not, whoever changes a fact
+removes the file and runs this with ``--rewrite``: then it is made anew.
 """
 
 import json
@@ -34,7 +34,14 @@ def some(kind: Any) -> Any:
         return list(kind)[-1]
     if get_origin(kind) is list:
         return [some(get_args(kind)[0])]
-    values: dict[Any, Any] = {int: 7, TaskId: 7, str: "süß", float: 0.25, bool: True, bytes: b"\xa3any"}
+    values: dict[Any, Any] = {
+        int: 7,
+        TaskId: 7,
+        str: "süß",
+        float: 0.25,
+        bool: True,
+        bytes: b"\xa3any",
+    }
     values |= {Point: Point(TaskId(7), Moment.END_PLANNING)}
     values |= {Constraint: Constraint(values[Point], Point(TaskId(8), Moment.START_ACHIEVING), 1.5)}
     return values[kind] if kind in values else some(get_args(kind)[0])
@@ -44,7 +51,9 @@ def one_of_each() -> Iterator[Entry]:
     """An entry for each kind of fact and cause, all fields filled."""
     last, time = walk()[SOME - 1].number, walk()[SOME - 1].time
     kinds = [kind for kind in get_args(facts.Fact) if kind is not facts.Opened]
-    made: list[Any] = [kind(**{name: some(what) for name, what in get_type_hints(kind).items()}) for kind in kinds]
+    made: list[Any] = [
+        kind(**{name: some(what) for name, what in get_type_hints(kind).items()}) for kind in kinds
+    ]
     for number, fact in enumerate(made, last + 1):
         kind = get_args(causes.Cause)[number % 3]
         cause = kind(**{name: some(what) for name, what in get_type_hints(kind).items()})
@@ -73,7 +82,11 @@ def test_it_is_read_as_what_it_was(
     if not path.exists():
         pytest.skip(f"nobody has kept a journal of version {version}")
     log = open_log(path)
-    rows = [json.dumps(fact_row(entry, fact), ensure_ascii=False) for entry in log for fact in entry.facts]
+    rows = [
+        json.dumps(fact_row(entry, fact), ensure_ascii=False)
+        for entry in log
+        for fact in entry.facts
+    ]
     assert log.remarks == []
     expect(f"golden-{version}", "\n".join(rows) + "\n")
     for tool in TOOLS:

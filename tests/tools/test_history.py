@@ -29,7 +29,11 @@ from tca_wire.vocabulary import MessageClass, Outcome
 
 
 def reasons(history: History, task: int) -> list[str]:
-    return wait_words.reasons(at := RunAt(history), at.tasks[TaskId(task)]) if task in history.tasks else []
+    return (
+        wait_words.reasons(at := RunAt(history), at.tasks[TaskId(task)])
+        if task in history.tasks
+        else []
+    )
 
 
 def test_the_tree_and_its_handlers() -> None:
@@ -53,7 +57,9 @@ def test_who_handles_what_in_which_format() -> None:
 def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     story = Story().module("legs", "walk")
     goal = story.goal("walk", "x", to="legs")
-    story.at(2.0).say(facts.Failed(goal, "module lost", "killed"), facts.ModuleLeft("legs", "killed"))
+    story.at(2.0).say(
+        facts.Failed(goal, "module lost", "killed"), facts.ModuleLeft("legs", "killed")
+    )
     history = story.at(5.0).fold()
     assert [(run.end, run.outcome) for run in history.handlings] == [(2.0, Outcome.FAILED)]
     assert RunAt(history).running("legs", "legs") == []
@@ -104,7 +110,9 @@ def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     fields["body"] = st.binary(max_size=4)
     fields["transition"] = st.sampled_from([one.name for one in GENERAL.transitions])
     fields["life_cycle"] = st.sampled_from(["", "[]", BASIC.text])
-    return st.builds(kind, **{name: some for name, some in fields.items() if name in kind.__struct_fields__})
+    return st.builds(
+        kind, **{name: some for name, some in fields.items() if name in kind.__struct_fields__}
+    )
 
 
 FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
@@ -114,7 +122,9 @@ FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
 @settings(max_examples=lives(40, soak=500))
 def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
     wording = Wording()
-    history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
+    history = History.until(
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+    )
     everything_about(history)
     assert all(isinstance(wording.words(fact), str) for fact in told)
     assert all(task.parent < task.id for task in history.tasks.values())

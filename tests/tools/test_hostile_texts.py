@@ -1,5 +1,5 @@
-"""A journal that somebody else has written: whatever its names and texts hold, no tool lets them steer a terminal, add lines
-to a line, or become part of a page or picture.
+"""A journal that somebody else has written: whatever its names and texts hold, no tool lets them
+steer a terminal, add lines to a line, or become part of a page or picture.
 """
 
 import html.parser
@@ -45,7 +45,11 @@ def poisoned(value: Any) -> Any:
         return [poisoned(one) for one in value]
     if type(value) is str and value and value[0] not in "{[":
         return value + HOSTILE
-    return msgspec.msgpack.encode({HOSTILE: [HOSTILE]}) if isinstance(value, bytes) and value else value
+    return (
+        msgspec.msgpack.encode({HOSTILE: [HOSTILE]})
+        if isinstance(value, bytes) and value
+        else value
+    )
 
 
 def hostile_walk() -> list[Entry]:
@@ -60,7 +64,9 @@ def journal(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def is_calm(text: str) -> bool:
-    """Whether a text is lines of characters that a terminal shows, and no line is one of the journal's."""
+    """Whether a text is lines of characters that a terminal shows, and no line is one of the
+    journal's.
+    """
     return all(line.isprintable() for line in text.split("\n")) and "\nALL IS WELL" not in text
 
 
@@ -69,7 +75,9 @@ def test_nothing_steers_a_terminal(journal: Path, command: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), str(journal)], prog_name="tca")
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     assert r"\x1b" in result.stdout or "\\u001b" in result.stdout
-    assert is_calm(result.stdout), [line for line in result.stdout.split("\n") if not line.isprintable()][:3]
+    assert is_calm(result.stdout), [
+        line for line in result.stdout.split("\n") if not line.isprintable()
+    ][:3]
     assert is_calm(result.stderr), result.stderr
 
 
@@ -90,9 +98,13 @@ class Tags(html.parser.HTMLParser):
 
 
 @pytest.mark.parametrize(("command", "name"), [one for one in TO_FILES if one[1] != "out.png"])
-def test_nothing_becomes_part_of_a_page_or_picture(journal: Path, tmp_path: Path, command: str, name: str) -> None:
+def test_nothing_becomes_part_of_a_page_or_picture(
+    journal: Path, tmp_path: Path, command: str, name: str
+) -> None:
     out = tmp_path / name
-    result = CliRunner().invoke(main, [*command.split(), str(journal), "-o", str(out)], prog_name="tca")
+    result = CliRunner().invoke(
+        main, [*command.split(), str(journal), "-o", str(out)], prog_name="tca"
+    )
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     assert is_calm(result.stdout + result.stderr)
     assert out.exists()
@@ -110,18 +122,31 @@ def test_nothing_becomes_part_of_a_page_or_picture(journal: Path, tmp_path: Path
         assert "{{7*7}}" in out.read_text()
 
 
-# --- A failure may be called anything that can be printed, also with colons: all tools name the whole ----------------
+# --- A failure may be called anything that can be printed, also with colons: all tools name the who
 
 
 Tca = Callable[..., Result]
 NAME = "knee: stuck: hard"
 NAMED_IN_PRINT = [
-    "log show", "log show --json", "log show --classic", "tree", "tree --story 2", "tree --story 1", "replay --text",
-]  # fmt: skip
+    "log show",
+    "log show --json",
+    "log show --classic",
+    "tree",
+    "tree --story 2",
+    "tree --story 1",
+    "replay --text",
+]
 NAMED_IN_FILES = [
-    "tree -o out.svg", "tree -o out.dot", "tree -o out.html", "report -o out.html", "export -o out.jsonl",
-    "export -o out.pftrace", "gantt -o out.svg", "gantt -o out.html", "export --to csv -o out",
-]  # fmt: skip
+    "tree -o out.svg",
+    "tree -o out.dot",
+    "tree -o out.html",
+    "report -o out.html",
+    "export -o out.jsonl",
+    "export -o out.pftrace",
+    "gantt -o out.svg",
+    "gantt -o out.html",
+    "export --to csv -o out",
+]
 
 
 def broken() -> Story:
@@ -183,7 +208,7 @@ def test_data_have_the_name_alone() -> None:
         assert_whole("".join(message.data.decode() for _, _, message in messages))
 
 
-# --- Facts that contradict each other: a fold takes any --------------------------------------------------------------
+# --- Facts that contradict each other: a fold takes any -------------------------------------------
 
 
 def test_a_failure_may_be_caught_by_what_is_no_task() -> None:

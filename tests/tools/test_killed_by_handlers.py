@@ -1,4 +1,6 @@
-"""A failure, step by step: who was killed for it, what a deadline ran out on, and who could not decide."""
+"""A failure, step by step: who was killed for it, what a deadline ran out on, and who could not
+decide.
+"""
 
 import msgspec
 import pytest
@@ -16,19 +18,29 @@ from tca_wire.points import ROOT, TaskId
 def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     cases = {
         kind.failure: kind.cases[0]
-        for kind in failures(History.until(played("failures_of_exception_handlers_in_one_another").entries))
+        for kind in failures(
+            History.until(played("failures_of_exception_handlers_in_one_another").entries)
+        )
     }
     assert {name: case.fate for name, case in cases.items()} == {
-        "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
-    }  # fmt: skip
+        "slip": Fate.DEALT_WITH,
+        "handler error": Fate.REPLACED,
+        "module lost": Fate.REPLACED,
+    }
     assert cases["slip"].called == [
         "recover {5} was called in expert: failed (handler error: why)",
         "report {7} was called in office",
     ]
 
 
-def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> None:
-    lines = list(story_lines(History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200))
+def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> (
+    None
+):
+    lines = list(
+        story_lines(
+            History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200
+        )
+    )
     told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
     assert [line for line in told if " failed: " in line] == [
         "  move {4} failed: slip: why",
@@ -38,11 +50,17 @@ def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from
 
 
 @pytest.mark.parametrize("undecided", [ROOT, 4, 6])
-def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(undecided: int) -> None:
-    """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another exception handler."""
+def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(
+    undecided: int,
+) -> None:
+    """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another
+    exception handler.
+    """
     entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
     assert checked(entries) == []
-    first = next(one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts))
+    first = next(
+        one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts)
+    )
     for place, fact in enumerate(first.facts):
         if isinstance(fact, facts.Unhandled):
             first.facts[place] = msgspec.structs.replace(fact, undecided=TaskId(undecided))

@@ -1,4 +1,6 @@
-"""``tca lifecycle``: the table and the diagram of a built-in life cycle, of those in a file, and of a message's."""
+"""``tca lifecycle``: the table and the diagram of a built-in life cycle, of those in a file, and of
+a message's.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -16,7 +18,9 @@ from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
 from tca_wire.vocabulary import Party
 
 Tca = Callable[..., Result]
-needs_dot = pytest.mark.skipif(not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed")
+needs_dot = pytest.mark.skipif(
+    not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed"
+)
 ROBOT = """
 from tca_module import GENERAL, Command, LifeCycle, Party, Transition, ending
 PAUSABLE = LifeCycle("pausable", [*GENERAL.transitions, Transition("pause", "running", "paused", Party.CLIENT),
@@ -52,16 +56,23 @@ def test_a_narrow_terminal_cuts_the_table(tca: Tca) -> None:
 
 
 def test_the_diagrams(expect: Callable[[str, str], None]) -> None:
-    """What leaves all active states is drawn once, from their frame; "paused" has no results, so nothing is there."""
+    """What leaves all active states is drawn once, from their frame; "paused" has no results, so
+    nothing is there.
+    """
     expect("life_cycle_general_dot", dot_source(GENERAL))
     expect("life_cycle_pausable_dot", dot_source(PAUSABLE))
 
 
 @needs_dot
 @pytest.mark.parametrize("life_cycle", [BASIC, GENERAL, PAUSABLE], ids=str)
-def test_a_diagram_has_every_state_and_transition(tca: Tca, tmp_path: Path, robot: Path, life_cycle: LifeCycle) -> None:
+def test_a_diagram_has_every_state_and_transition(
+    tca: Tca, tmp_path: Path, robot: Path, life_cycle: LifeCycle
+) -> None:
     picture = tmp_path / "picture.svg"
-    assert tca("lifecycle", robot if life_cycle == PAUSABLE else life_cycle.name, "-o", picture).stderr == ""
+    assert (
+        tca("lifecycle", robot if life_cycle == PAUSABLE else life_cycle.name, "-o", picture).stderr
+        == ""
+    )
     words = [one.text or "" for one in ET.parse(picture).iter("{http://www.w3.org/2000/svg}text")]
     assert set(life_cycle.states) <= set(words)
     for one in life_cycle.transitions:
@@ -86,7 +97,9 @@ def test_files_of_every_kind(tca: Tca, tmp_path: Path) -> None:
     assert (tmp_path / "basic.html").read_text().startswith("<!doctype html>")
 
 
-def test_without_graphviz_the_table_remains(tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_graphviz_the_table_remains(
+    tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(__import__("sys").modules, "pygraphviz", None)
     result = tca("lifecycle", "-o", tmp_path / "general.svg")
@@ -106,8 +119,10 @@ def test_the_life_cycle_of_a_message_of_a_run(tca: Tca, tmp_path: Path) -> None:
     run = story.write(tmp_path / "run")
     assert tca("lifecycle", "walk", run).stdout.startswith("life cycle 'pausable'\n")
     assert tca("lifecycle", "rest", run).stdout.startswith("life cycle 'general'\n")
-    wrong = {"where": "query 'where' is no task: only tasks have a life cycle",
-             "wolk": "no message 'wolk' in the journal run: did you mean 'walk'?"}  # fmt: skip
+    wrong = {
+        "where": "query 'where' is no task: only tasks have a life cycle",
+        "wolk": "no message 'wolk' in the journal run: did you mean 'walk'?",
+    }
     for name, words in wrong.items():
         result = tca("lifecycle", name, run)
         assert (result.exit_code, result.stderr) == (1, f"Error: {words}\n")
@@ -119,8 +134,12 @@ def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
     broken.write_text("\nfrom tca_module import LifeCycle\nX = LifeCycle('x', [])\n")
     wrong = {
         (tmp_path / "none.py",): f"{tmp_path}/none.py: there is no such file",
-        (empty,): f"{empty} has no life cycle: declare a LifeCycle, goal or command at its top level",
-        (broken,): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' can't be: no transition of the server",
+        (
+            empty,
+        ): f"{empty} has no life cycle: declare a LifeCycle, goal or command at its top level",
+        (
+            broken,
+        ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' can't be: no transition of the server",
         ("basic", "-o", tmp_path / "x.gif"): f"{tmp_path}/x.gif: its name must end in .svg",
     }
     for arguments, words in wrong.items():

@@ -1,4 +1,6 @@
-"""What waits because of a lock is told so: in all copies of a module, and from when on somebody waits for the lock."""
+"""What waits because of a lock is told so: in all copies of a module, and from when on somebody
+waits for the lock.
+"""
 
 from itertools import pairwise
 from random import Random
@@ -30,15 +32,19 @@ def advised(found: Contents) -> dict[Topic, Advice]:
 
 
 def all_texts(found: Contents) -> str:
-    texts = [text for one in found.advice for text in (one.title, one.text, one.remedy, one.example)]
+    texts = [
+        text for one in found.advice for text in (one.title, one.text, one.remedy, one.example)
+    ]
     for shown in filter(None, (found.path, found.longest)):
-        texts += [share.name for share in shown.shares] + [what + why for _, what, why in shown.steps]
+        texts += [share.name for share in shown.shares] + [
+            what + why for _, what, why in shown.steps
+        ]
     return "\n".join(texts)
 
 
 def two_arms() -> Contents:
-    """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both; and so has the lift
-    that is sent after it.
+    """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both;
+    and so has the lift that is sent after it.
     """
     player = Player.of("legs: command move")
     join(player, "new")
@@ -61,7 +67,10 @@ def two_arms() -> Contents:
 def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
     found = two_arms()
     told = advised(found)
-    assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == ("legs is locked while others wait", False)
+    assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == (
+        "legs is locked while others wait",
+        False,
+    )
     assert "map had it" in told[Topic.LOCK].example
     assert told[Topic.LOCK].saving > 30
     assert Topic.OVERLAP not in told, "behind a lock nothing is planned"
@@ -70,14 +79,26 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
 
 def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     story = Story().module("m").module("legs", "move")
-    run = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
-    assert [kept_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [0.0, 3.0]
+    run = (
+        story.at(1.0)
+        .say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50))
+        .at(9.0)
+        .fold()
+    )
+    assert [kept_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [
+        0.0,
+        3.0,
+    ]
 
 
-# --- any life ------------------------------------------------------------------------------------------------------
+# --- any life -------------------------------------------------------------------------------------
 
 
-@given(st.lists(st.tuples(st.sampled_from([*OPERATIONS, "move", "reply"]), st.integers(0, 7)), max_size=60))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([*OPERATIONS, "move", "reply"]), st.integers(0, 7)), max_size=60
+    )
+)
 @settings(max_examples=60)
 def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
     """A stay in a queue was because of a lock for as long as there was one, by the facts."""
@@ -86,9 +107,13 @@ def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> N
         if queueing.module:
             sender = run.messages[queueing.message_id].sender
             end = run.time if queueing.end is None else queueing.end
-            said, _ = kept_out(run, (queueing.module, queueing.resource), queueing.start, end, sender=sender)
+            said, _ = kept_out(
+                run, (queueing.module, queueing.resource), queueing.start, end, sender=sender
+            )
             assert -1e-6 <= said <= end - queueing.start + 1e-6
-            assert said == pytest.approx(by_facts(run, queueing.module, queueing.start, end, sender))
+            assert said == pytest.approx(
+                by_facts(run, queueing.module, queueing.start, end, sender)
+            )
     assert "?" not in all_texts(contents(run))
 
 
@@ -125,18 +150,27 @@ def by_facts(run: Run, module: str, start: float, end: float, sender: str) -> fl
         after - time
         for time, after in pairwise(times)
         if any(
-            claim.start <= time and (claim.end is None or claim.end > time)
+            claim.start <= time
+            and (claim.end is None or claim.end > time)
             and (claim.start <= start or (claim.granted is not None and claim.granted <= time))
             and not (claim.is_reserved and claim.sender == sender)
-            for claim in run.claims.values() if called(claim.module) == called(module)
+            for claim in run.claims.values()
+            if called(claim.module) == called(module)
         )
-    )  # fmt: skip
+    )
 
 
-# --- queues that only grow, and queues that do not -------------------------------------------------------------------
+# --- queues that only grow, and queues that do not ------------------------------------------------
 
 
-def served(arrivals: list[float], took: float, end: float = 100.0, capacity: int = 1, *, closes: bool = False) -> Run:
+def served(
+    arrivals: list[float],
+    took: float,
+    end: float = 100.0,
+    capacity: int = 1,
+    *,
+    closes: bool = False,
+) -> Run:
     """Informs that come at these times to a resource that handles each for so long."""
     story = Story().at(0.5).module("camera").module("eye", "frame")
     story.say(facts.ResourceChanged("eye", "eye", capacity))
@@ -168,7 +202,9 @@ def served(arrivals: list[float], took: float, end: float = 100.0, capacity: int
     finish(end)
     story.at(end)
     if closes:
-        story.say(*(facts.Unqueued(frame) for frame in waiting), facts.HandlerRemoved("frame", "eye"))
+        story.say(
+            *(facts.Unqueued(frame) for frame in waiting), facts.HandlerRemoved("frame", "eye")
+        )
         story.at(end + 1.0).say(facts.ModuleLeft("eye", "it said goodbye"))
     return story.fold()
 
@@ -202,8 +238,14 @@ def test_a_queue_that_grows_for_two_slots() -> None:
     ("name", "run"),
     [
         ("it keeps up", served(every(1.0), took=0.8)),
-        ("a burst that is worked off", served([1.0 + number / 100 for number in range(60)], took=1.0)),
-        ("a burst that is not worked off yet", served([1.0 + number / 100 for number in range(200)], took=1.0)),
+        (
+            "a burst that is worked off",
+            served([1.0 + number / 100 for number in range(60)], took=1.0),
+        ),
+        (
+            "a burst that is not worked off yet",
+            served([1.0 + number / 100 for number in range(200)], took=1.0),
+        ),
         ("it grew, and was empty again", served(every(0.5, 40.0), took=0.8, end=120.0)),
         ("it grew, and is worked off at the end", served(every(0.5, 60.0), took=0.8)),
         ("two that wait for one that hangs", served(every(10.0), took=1e6)),
@@ -227,9 +269,12 @@ def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
 
 
 def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
-    story = Story().module("eye", "frame").at(1.0).say(
-        facts.Claimed(900, "eye", "eye", False, "user", 0), facts.Granted(900)
-    )  # fmt: skip
+    story = (
+        Story()
+        .module("eye", "frame")
+        .at(1.0)
+        .say(facts.Claimed(900, "eye", "eye", False, "user", 0), facts.Granted(900))
+    )
     for number in range(50):
         story.at(2.0 + number).queued(story.received("frame", MessageClass.INFORM, "camera"), "eye")
     run = story.fold()

@@ -32,7 +32,9 @@ def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], 
     expect("log_stumbling", result.stdout)
 
 
-def test_every_kind_of_fact_has_words(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_every_kind_of_fact_has_words(
+    tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]
+) -> None:
     story = made("every_kind")
     assert {facts.kind_of(fact) for entry in story.entries for fact in entry.facts} == set(KINDS)
     expect("log_every_kind", tca("log", "show", story.write(tmp_path / "run")).stdout)
@@ -66,7 +68,11 @@ def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
     assert any(line.endswith("(end of a delay of look {6})") for line in lines)
     rows = [json.loads(line) for line in tca("log", "show", path, "--json").stdout.splitlines()]
     asked = next(row for row in rows if row["kind"] == "received" and row["message"] == "step")
-    assert (asked["cause"]["kind"], asked["cause"]["message"], asked["cause"]["origin"]) == ("request", "Send", 3)
+    assert (asked["cause"]["kind"], asked["cause"]["message"], asked["cause"]["origin"]) == (
+        "request",
+        "Send",
+        3,
+    )
 
 
 def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
@@ -76,17 +82,25 @@ def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
     each = [tca("log", "show", run, "--task", number).stdout.splitlines() for number in (2, 3, 4)]
     # a cause stands at the first line of its entry that is shown
     each_line = [line for lines in each for line in lines]
-    without_causes = [{line.partition("  (")[0] for line in lines} for lines in (all_steps, each_line)]
+    without_causes = [
+        {line.partition("  (")[0] for line in lines} for lines in (all_steps, each_line)
+    ]
     assert without_causes[0] == without_causes[1]
-    maps = tca("log", "show", run, "--task", "elevation map", "--kind", "returned").stdout  # queries have names, too
+    maps = tca(
+        "log", "show", run, "--task", "elevation map", "--kind", "returned"
+    ).stdout  # queries have names, too
     assert [line.split()[2:4] for line in maps.splitlines()] == [["elevation", "map"]] * 2
 
 
-def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(tca: Tca, tmp_path: Path) -> None:
+def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(
+    tca: Tca, tmp_path: Path
+) -> None:
     story = Story().module("guard").module("arm", "status").module("legs", "status")
     status = story.received("status", MessageClass.MULTI_QUERY, "guard")
     copies = [facts.Delivered(70, status, "arm", "arm"), facts.Queued(71, status, "legs", "legs")]
-    story.at(1.0).say(*copies, facts.Returned(70, Outcome.DONE, msgspec.msgpack.encode(1)), facts.Unqueued(71))
+    story.at(1.0).say(
+        *copies, facts.Returned(70, Outcome.DONE, msgspec.msgpack.encode(1)), facts.Unqueued(71)
+    )
     run = story.write(tmp_path / "run")
     for task in ("1", "status"):
         lines = tca("log", "show", run, "--task", task).stdout.splitlines()
@@ -100,7 +114,9 @@ def test_a_task_that_is_not_there_is_an_error_as_elsewhere(tca: Tca, run: Path, 
     assert (result.exit_code, result.stdout) == (1, "")
     assert f"no task '{task}' in this journal" in result.stderr
     assert result.stderr == tca("tree", run, "--task", task).stderr
-    assert tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0  # it is there, only not that kind
+    assert (
+        tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0
+    )  # it is there, only not that kind
 
 
 def test_only_one_kind_and_no_control_characters(tca: Tca, run: Path) -> None:
@@ -143,7 +159,9 @@ def test_data_as_text(value: Any, text: str) -> None:
 
 def test_an_array_is_shown_by_its_kind_and_shape() -> None:
     array = msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f8", (2, 3), bytes(48)]))
-    assert plain_data(msgspec.msgpack.encode({"map": array})) == {"map": {"dtype": "<f8", "shape": [2, 3]}}
+    assert plain_data(msgspec.msgpack.encode({"map": array})) == {
+        "map": {"dtype": "<f8", "shape": [2, 3]}
+    }
 
 
 def test_data_that_is_none_or_odd() -> None:
@@ -162,7 +180,9 @@ def test_data_that_is_none_or_odd() -> None:
 def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("map", "pose")
     pose = story.received("pose", MessageClass.VARIABLE, "legs")
-    story.say(facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "pose", "a newer one came", pose))
+    story.say(
+        facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "pose", "a newer one came", pose)
+    )
     assert (
         f"dropped        pose {{9}} of message {{{pose}}}: a newer one came"
         in tca("log", "show", story.write(tmp_path / "run")).stdout
@@ -170,9 +190,15 @@ def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path)
 
 
 def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
-    rows = map(json.loads, tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines())
+    rows = map(
+        json.loads,
+        tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines(),
+    )
     assert next(row for row in rows if row["id"] == 3)["constraints"] == [
-        {"before": {"task": 2, "moment": "end achieving"}, "after": {"task": 3, "moment": "start achieving"}}
+        {
+            "before": {"task": 2, "moment": "end achieving"},
+            "after": {"task": 3, "moment": "start achieving"},
+        }
     ]
 
 

@@ -28,7 +28,9 @@ def numbers(log: Log) -> list[int]:
 
 def test_a_directory_continues_from_segment_to_segment(tmp_path: Path) -> None:
     story = walking()
-    assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [entry.number for entry in story.caused()]
+    assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [
+        entry.number for entry in story.caused()
+    ]
 
 
 def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
@@ -39,12 +41,16 @@ def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
     assert open_log(folder).name == "run"
 
 
-def test_newest_run_is_that_of_the_last_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_newest_run_is_that_of_the_last_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     first = new_journal()
     walking().write(first)
     second = new_journal()
-    second = walking().write(second.with_name(f"{second.name[:7]}1970-01-01T00-00-09-1"))  # its clock has no battery
+    second = walking().write(
+        second.with_name(f"{second.name[:7]}1970-01-01T00-00-09-1")
+    )  # its clock has no battery
     third = new_journal()
     third.mkdir()  # a run that wrote nothing
     assert run_number(third) == 3
@@ -62,9 +68,16 @@ def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(
     ("address", "expected"),
-    [("tcp://127.0.0.1:5", True), ("tcp://127.9.9.9:*", True), ("tcp://localhost:5", True), ("tcp://[::1]:5", True),
-     ("tcp://127.0.0.1.evil.com:5", False), ("tcp://localhost.evil.com:5", False), ("tcp://0.0.0.0:5", False)],
-)  # fmt: skip
+    [
+        ("tcp://127.0.0.1:5", True),
+        ("tcp://127.9.9.9:*", True),
+        ("tcp://localhost:5", True),
+        ("tcp://[::1]:5", True),
+        ("tcp://127.0.0.1.evil.com:5", False),
+        ("tcp://localhost.evil.com:5", False),
+        ("tcp://0.0.0.0:5", False),
+    ],
+)
 def test_loopback_is_judged_by_the_whole_host(address: str, *, expected: bool) -> None:
     assert is_loopback(address) is expected
 
@@ -84,7 +97,9 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnusableLog, match="a directory without segments"):
         open_log(tmp_path / "empty")
     walking().write(tmp_path / "best" / "journal")
-    with pytest.raises(UnusableLog, match=f"name the journal of one run, such as {tmp_path / 'best' / 'journal'}$"):
+    with pytest.raises(
+        UnusableLog, match=f"name the journal of one run, such as {tmp_path / 'best' / 'journal'}$"
+    ):
         open_log(tmp_path / "best")
     with pytest.raises(UnusableLog, match="neither a file nor a directory"):
         open_log(Path("/dev/null"))
@@ -112,7 +127,9 @@ def test_what_cant_be_read_is_refused(tmp_path: Path) -> None:
         list(open_log(tmp_path))
 
 
-def test_a_torn_tail_is_no_damage_but_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_torn_tail_is_no_damage_but_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     story = walking()
     path = tmp_path / "00000001.tcaj"
     whole = b"".join(map(record, story.caused()[:-1]))
@@ -124,7 +141,9 @@ def test_a_torn_tail_is_no_damage_but_it_is_said(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().err == f"tca: {log.cut}; what comes before it is shown\n"
 
 
-def test_of_a_whole_journal_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_of_a_whole_journal_nothing_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = open_log(walking().write(tmp_path / "run", segments=2))
     assert numbers(log)
     log.check()
@@ -132,7 +151,9 @@ def test_of_a_whole_journal_nothing_is_said(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.slow
-def test_an_entry_that_is_just_being_written_is_no_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_entry_that_is_just_being_written_is_no_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with central(tmp_path) as daemon:
         daemon.signal(signal.SIGSTOP)
         newest = open_log(daemon.journal).segments()[-1]
@@ -151,7 +172,9 @@ def test_an_entry_that_is_just_being_written_is_no_cut(tmp_path: Path, capsys: p
 
 
 @pytest.mark.parametrize("behind", [b"\xce and then garbage", b"\xce", bytes(100), None])
-def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(tmp_path: Path, behind: bytes | None) -> None:
+def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(
+    tmp_path: Path, behind: bytes | None
+) -> None:
     folder = walking().write(tmp_path / "run", segments=3)
     second = folder / "00000002.tcaj"
     whole, cut = numbers(open_log(folder)), second.read_bytes()
@@ -164,18 +187,28 @@ def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(tmp_path: Pa
     log = open_log(folder)
     assert numbers(log) == [number for number in whole if number not in lost]
     followed_log = open_log(folder)
-    assert [number for number in followed(followed_log, lambda: None) if number] == numbers(open_log(folder))
+    assert [number for number in followed(followed_log, lambda: None) if number] == numbers(
+        open_log(folder)
+    )
     for one in (log, followed_log):
-        with pytest.raises(DamagedLog, match=r"00000002.tcaj.*; what comes behind it in that file is left out$"):
+        with pytest.raises(
+            DamagedLog, match=r"00000002.tcaj.*; what comes behind it in that file is left out$"
+        ):
             one.check()
 
 
-def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(tmp_path: Path) -> None:
+def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(
+    tmp_path: Path,
+) -> None:
     later = [0, 0.0, [["opened", JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9"]]]
     new = [[1, 1.0, [["walked", 3], ["leapt", 4]]], [2, 2.0, [["closed", "enough"], ["flew", 1]]]]
     payloads = [msgpack.packb(one) for one in (later, *new)]
     path = tmp_path / "00000001.tcaj"
-    path.write_bytes(b"".join(struct.pack(">BIBI", 206, len(one), 206, zlib.crc32(one)) + one for one in payloads))
+    path.write_bytes(
+        b"".join(
+            struct.pack(">BIBI", 206, len(one), 206, zlib.crc32(one)) + one for one in payloads
+        )
+    )
     log = open_log(path)
     assert numbers(log) == [1, 2]
     assert log.losses.facts == 3
@@ -194,22 +227,36 @@ def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> Non
     path.write_bytes(b"".join(map(record, story.caused()[2:])))
     log = open_log(path)
     assert numbers(log) == [entry.number for entry in story.caused()[2:]]
-    with pytest.raises(DamagedLog, match=r"byte 0, after 0.000 s: at least one entry, damaged or missing, is left out"):
+    with pytest.raises(
+        DamagedLog,
+        match=r"byte 0, after 0.000 s: at least one entry, damaged or missing, is left out",
+    ):
         log.check()
 
 
 @pytest.mark.parametrize(
     ("damaged", "said"),
     [
-        ([4], "byte {}, after 0.500 s: a damaged entry is left out: what seems to go on since then may have ended"),
-        ([4, 5, 7], "byte {}, after 0.500 s: 3 damaged entries are left out, the first of them here: what seems"),
+        (
+            [4],
+            "byte {}, after 0.500 s: a damaged entry is left out: what seems to go on since then may have ended",
+        ),
+        (
+            [4, 5, 7],
+            "byte {}, after 0.500 s: 3 damaged entries are left out, the first of them here: what seems",
+        ),
     ],
 )
-def test_entries_that_are_damaged_are_left_out_and_it_is_said(tmp_path: Path, damaged: list[int], said: str) -> None:
+def test_entries_that_are_damaged_are_left_out_and_it_is_said(
+    tmp_path: Path, damaged: list[int], said: str
+) -> None:
     story = walking()
     folder = story.write(tmp_path / "run")
     content = bytearray((folder / "00000001.tcaj").read_bytes())
-    starts = [sum(len(record(entry)) for entry in story.caused()[:place]) for place in range(len(story.entries))]
+    starts = [
+        sum(len(record(entry)) for entry in story.caused()[:place])
+        for place in range(len(story.entries))
+    ]
     for place in damaged:
         content[starts[place] + 15] ^= 0xFF
     (folder / "00000001.tcaj").write_bytes(content)
@@ -267,7 +314,9 @@ def test_following_sees_what_is_added_and_new_segments(tmp_path: Path) -> None:
 
 
 class Rolling(Log):
-    """A log to which central adds an entry, and then a segment, just before it is asked for its segments again."""
+    """A log to which central adds an entry, and then a segment, just before it is asked for its
+    segments again.
+    """
 
     asked = 0
 
@@ -294,7 +343,7 @@ def test_following_ends_at_damage_with_nothing_behind_it(tmp_path: Path) -> None
         log.check()
 
 
-# --- folders in which more lies than one run, or less ----------------------------------------------------------------
+# --- folders in which more lies than one run, or less ---------------------------------------------
 
 
 Tca = Callable[..., Result]
@@ -303,8 +352,12 @@ TOOLS = ["tree", "log show", "check"]
 YESTERDAY, TODAY = 1_700_000_000.0, 1_700_086_400.0
 
 
-def segment(path: Path, entries: list[Entry], epoch: str, number: int = 1, began: float = YESTERDAY) -> Path:
-    opening = Entry(0, entries[0].time, [facts.Opened(JOURNAL_VERSION, epoch, number, began, "0.1.0")])
+def segment(
+    path: Path, entries: list[Entry], epoch: str, number: int = 1, began: float = YESTERDAY
+) -> Path:
+    opening = Entry(
+        0, entries[0].time, [facts.Opened(JOURNAL_VERSION, epoch, number, began, "0.1.0")]
+    )
     path.parent.mkdir(exist_ok=True, parents=True)
     path.write_bytes(b"".join(map(record, [opening, *entries])))
     return path
@@ -312,7 +365,9 @@ def segment(path: Path, entries: list[Entry], epoch: str, number: int = 1, began
 
 @pytest.fixture
 def two(tmp_path: Path) -> Path:
-    """A folder with the segment of a walk of yesterday and, after it, that of a short story of today."""
+    """A folder with the segment of a walk of yesterday and, after it, that of a short story of
+    today.
+    """
     segment(tmp_path / "two" / "00000001.tcaj", walk()[1:], "yesterday")
     segment(tmp_path / "two" / "00000002.tcaj", walking().entries[1:], "today", began=TODAY)
     return tmp_path / "two"
@@ -324,7 +379,9 @@ def said(log: Log, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(tca: Tca, two: Path, tool: str) -> None:
+def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(
+    tca: Tca, two: Path, tool: str
+) -> None:
     shown, alone = tca(*tool.split(), two), tca(*tool.split(), two / "00000002.tcaj")
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
@@ -337,7 +394,9 @@ def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(tca: T
 
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("which", ["#1", "#yesterday", "/#1"])
-def test_each_of_two_runs_can_be_named_for_every_tool(tca: Tca, two: Path, tool: str, which: str) -> None:
+def test_each_of_two_runs_can_be_named_for_every_tool(
+    tca: Tca, two: Path, tool: str, which: str
+) -> None:
     named, alone = tca(*tool.split(), f"{two}{which}"), tca(*tool.split(), two / "00000001.tcaj")
     assert (named.exit_code, named.stderr) == (alone.exit_code, alone.stderr)
     assert named.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
@@ -346,14 +405,19 @@ def test_each_of_two_runs_can_be_named_for_every_tool(tca: Tca, two: Path, tool:
 def test_a_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
     segment(two / "00000003.tcaj", [Entry(99, 9.0, [])], "today", 2, began=TODAY)
     segment(two / "00000004.tcaj", walk()[1:], "tonight", began=TODAY + 1)
-    assert [path.name for path in open_log(Path(f"{two}#2")).segments()] == ["00000002.tcaj", "00000003.tcaj"]
+    assert [path.name for path in open_log(Path(f"{two}#2")).segments()] == [
+        "00000002.tcaj",
+        "00000003.tcaj",
+    ]
     assert tca("tree", f"{two}#2").stdout.startswith("two#2: ")
 
 
 def test_a_run_that_is_not_there(tca: Tca, two: Path) -> None:
     told = tca("tree", f"{two}#3")
     assert (told.exit_code, told.stdout) == (2, "")
-    assert told.stderr == f"Error: {two}: no run '3' of the 2 there: 'tca log runs {two}' lists them\n"
+    assert (
+        told.stderr == f"Error: {two}: no run '3' of the 2 there: 'tca log runs {two}' lists them\n"
+    )
 
 
 def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:
@@ -364,11 +428,15 @@ def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:
     assert (listed.exit_code, "no journal below" in listed.stderr) == (2, True)
 
 
-def test_the_numbers_of_central_say_which_run_began_last_though_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_the_numbers_of_central_say_which_run_began_last_though_the_clock_was_set_back(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "robot"
     segment(folder / "00000001.tcaj", walking().entries[1:], "first", began=TODAY)
     segment(folder / "00000002.tcaj", [Entry(99, 9.0, [])], "first", 2, began=TODAY)
-    segment(folder / "00000003.tcaj", walk()[1:], "second", began=1000.0)  # a robot without a clock of its own
+    segment(
+        folder / "00000003.tcaj", walk()[1:], "second", began=1000.0
+    )  # a robot without a clock of its own
     assert [path.name for path in open_log(folder).segments()] == ["00000003.tcaj"]
 
 
@@ -387,10 +455,14 @@ def test_segments_are_in_their_order_whatever_their_names(tmp_path: Path) -> Non
     entries = walking().entries[1:]
     segment(tmp_path / "b.tcaj", entries[:5], "epoch", 1)
     segment(tmp_path / "a.tcaj", entries[5:], "epoch", 2)
-    assert [entry.number for entry in open_log(tmp_path) if entry.number] == [entry.number for entry in entries]
+    assert [entry.number for entry in open_log(tmp_path) if entry.number] == [
+        entry.number for entry in entries
+    ]
 
 
-def test_segments_that_are_missing_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_segments_that_are_missing_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = walking().write(tmp_path / "run", segments=5)
     (folder / "00000001.tcaj").unlink()
     (folder / "00000003.tcaj").unlink()
@@ -401,7 +473,9 @@ def test_segments_that_are_missing_are_said(tmp_path: Path, capsys: pytest.Captu
     ]
 
 
-def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(tca: Tca, tmp_path: Path) -> None:
+def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(
+    tca: Tca, tmp_path: Path
+) -> None:
     folder = walking().write(tmp_path / "run", segments=3)
     (folder / "00000002.tcaj").unlink()
     told = tca("check", folder)
@@ -409,7 +483,9 @@ def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(tca:
     assert told.stderr == ""
 
 
-def test_a_copy_beside_the_segments_is_left_out_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_copy_beside_the_segments_is_left_out_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = walking().write(tmp_path / "run", segments=2)
     (folder / "00000001 (copy).tcaj").write_bytes((folder / "00000001.tcaj").read_bytes())
     log = open_log(folder)
@@ -459,7 +535,9 @@ def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
     assert alone.stderr == ""
 
 
-def test_what_tells_how_to_see_the_second_run_of_a_file_does(joined: tuple[Path, int], tmp_path: Path) -> None:
+def test_what_tells_how_to_see_the_second_run_of_a_file_does(
+    joined: tuple[Path, int], tmp_path: Path
+) -> None:
     path, place = joined
     rest = tmp_path / "rest.tcaj"
     rest.write_bytes(path.read_bytes()[place:])
@@ -470,7 +548,9 @@ def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_lon
     joined: tuple[Path, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = open_log(joined[0])
-    assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(walking().entries)
+    assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(
+        walking().entries
+    )
     assert "another run begins here" in said(log, capsys)[0]
 
 
@@ -486,7 +566,9 @@ def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
     assert gc.isenabled()
 
 
-def test_the_segments_of_one_run_may_stand_in_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_segments_of_one_run_may_stand_in_one_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, path = walking().write(tmp_path / "run", segments=3), tmp_path / "whole.tcaj"
     path.write_bytes(b"".join(one.read_bytes() for one in sorted(folder.iterdir())))
     log = open_log(path)
@@ -494,7 +576,9 @@ def test_the_segments_of_one_run_may_stand_in_one_file(tmp_path: Path, capsys: p
     assert said(log, capsys) == []
 
 
-def test_a_segment_twice_in_one_file_is_read_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_segment_twice_in_one_file_is_read_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     whole, path = walking().encoded(), tmp_path / "twice.tcaj"
     path.write_bytes(whole + whole)
     log = open_log(path)
@@ -504,9 +588,11 @@ def test_a_segment_twice_in_one_file_is_read_once(tmp_path: Path, capsys: pytest
     )
 
 
-def test_the_segments_of_a_run_after_others_are_numbered_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A central that crashed is started anew with the same folder: what the crash left half written is not of the new
-    run.
+def test_the_segments_of_a_run_after_others_are_numbered_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A central that crashed is started anew with the same folder: what the crash left half written
+    is not of the new run.
     """
     folder = tmp_path / "runs"
     segment(folder / "00000001.tcaj", walking().entries[1:], "crashed")
@@ -517,10 +603,18 @@ def test_the_segments_of_a_run_after_others_are_numbered_on(tmp_path: Path, caps
     segment(folder / "00000005.tcaj", entries[20:], "again", 2, TODAY)
     (folder / "00000006.tcaj").touch()
     log = open_log(folder)
-    assert [path.name for path in log.segments()] == ["00000004.tcaj", "00000005.tcaj", "00000006.tcaj"]
+    assert [path.name for path in log.segments()] == [
+        "00000004.tcaj",
+        "00000005.tcaj",
+        "00000006.tcaj",
+    ]
     shown = [entry.number for entry in log]
-    assert [number for number in shown if number] == [entry.number for entry in entries if entry.number]
+    assert [number for number in shown if number] == [
+        entry.number for entry in entries if entry.number
+    ]
     (line,) = said(log, capsys)
-    assert "2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+    assert (
+        "2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+    )
     (folder / "00000005.tcaj").unlink()
     assert "segment 2 is missing" in " ".join(open_log(folder).remarks)

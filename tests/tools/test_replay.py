@@ -1,4 +1,6 @@
-"""``tca replay``: the real application, driven by keys, without a screen; and the growth of the tree as text."""
+"""``tca replay``: the real application, driven by keys, without a screen; and the growth of the
+tree as text.
+"""
 
 import asyncio
 import signal
@@ -29,9 +31,7 @@ Tca = Callable[..., Result]
 Act = Callable[["Player"], Awaitable[None]]
 
 
-TRACEBACK = (
-    "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
-)
+TRACEBACK = "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
 
 
 class Player:
@@ -71,7 +71,9 @@ class Player:
         """The words that are seen of it."""
         log = self.app.query_one(RichLog)
         lines = [log.render_line(line).text for line in range(log.size.height)]
-        return " ".join(" ".join([str(self.app.query_one("#standing", Static).render()), *lines]).split())
+        return " ".join(
+            " ".join([str(self.app.query_one("#standing", Static).render()), *lines]).split()
+        )
 
     def coloured(self, text: str) -> set[str]:
         """The colours of a text in all panes."""
@@ -81,11 +83,19 @@ class Player:
             shown = pane.render()
             assert isinstance(shown, Text)
             drawn += [(shown.plain[one.start : one.end], str(one.style)) for one in shown.spans]
-        return {one for part, style in drawn if text in part for one in style.split()} & {"red", "yellow"}
+        return {one for part, style in drawn if text in part for one in style.split()} & {
+            "red",
+            "yellow",
+        }
 
 
 def play(
-    entries: list[Entry], act: Act, size: tuple[int, int] = (120, 32), *, at: float | None = 0.0, speed: float = 1.0
+    entries: list[Entry],
+    act: Act,
+    size: tuple[int, int] = (120, 32),
+    *,
+    at: float | None = 0.0,
+    speed: float = 1.0,
 ) -> Replay:
     """Run the application from the start, and do something with it."""
     app = Replay(Recording(entries), "walk", speed=speed, at=at)
@@ -108,7 +118,9 @@ def test_forwards_and_backwards_message_by_message() -> None:
             trees.append(player.tree)
             await player.press("right")
             assert player.app.place == place + 1
-        assert any("take steps {3}" in line and "planned" in line for tree in trees for line in tree)
+        assert any(
+            "take steps {3}" in line and "planned" in line for tree in trees for line in tree
+        )
         for tree in reversed(trees):
             await player.press("left")
             assert [line[:40] for line in player.tree] == [line[:40] for line in tree]
@@ -139,7 +151,9 @@ def test_of_a_question_that_fails_who_asked_is_shown() -> None:
     other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
     story.delivered(goal, "lab").at(2.0)
     question = story.received("where", QUERY, "lab", origin=goal)
-    story.delivered(question, "lab", "eyes").at(3.0).queued(other).failed(question, "dark", "no light").at(4.0)
+    story.delivered(question, "lab", "eyes").at(3.0).queued(other).failed(
+        question, "dark", "no light"
+    ).at(4.0)
 
     async def act(player: Player) -> None:
         await player.press("f")
@@ -149,11 +163,15 @@ def test_of_a_question_that_fails_who_asked_is_shown() -> None:
 
 
 @pytest.mark.parametrize(("top_fails", "colour"), [(False, "yellow"), (True, "red")])
-def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(*, top_fails: bool, colour: str) -> None:
+def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(
+    *, top_fails: bool, colour: str
+) -> None:
     async def act(player: Player) -> None:
         await player.press("f")
         assert player.app.recording.failures == {player.app.place: top_fails}
-        assert player.coloured("blind") == {"red"}  # that the walk would be achieved is not known yet
+        assert player.coloured("blind") == {
+            "red"
+        }  # that the walk would be achieved is not known yet
         selected = player.app.selected
         await player.press("end")
         await player.ask("slash", str(selected))
@@ -318,8 +336,12 @@ def test_reasons_are_shown_where_names_are_long_and_what_is_cut_says_so() -> Non
     story = Story().module("cook", "dinner").at(1.0)
     dinner = story.goal("dinner for very many guests, with music", "waiter", to="cook")
     for number in range(60):
-        one = story.at(2.0 + number).command("bake a cake that is larger than the oven", "cook", dinner)
-        story.say(facts.Failed(one, "burnt", "nobody looked after it, and it was very hot in there"))
+        one = story.at(2.0 + number).command(
+            "bake a cake that is larger than the oven", "cook", dinner
+        )
+        story.say(
+            facts.Failed(one, "burnt", "nobody looked after it, and it was very hot in there")
+        )
 
     async def act(player: Player) -> None:
         await player.press("end")
@@ -346,8 +368,15 @@ def test_it_plays_at_any_speed_and_backwards() -> None:
     play(stumbling().entries, act, speed=5000)
 
 
-@pytest.mark.parametrize("keys", [["q"], ["slash", "ctrl+c"], ["slash", "q", "escape", "q"],
-                                  ["right", "f", "space", "up", "enter", "end", "q"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ["q"],
+        ["slash", "ctrl+c"],
+        ["slash", "q", "escape", "q"],
+        ["right", "f", "space", "up", "enter", "end", "q"],
+    ],
+)
 def test_how_it_ends(keys: list[str]) -> None:
     async def act(player: Player) -> None:
         await player.press(*keys[:-1])
@@ -359,9 +388,13 @@ def test_how_it_ends(keys: list[str]) -> None:
 
 def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
     story = Story().module("cook", "bake").at(1.0)
-    cake = story.command("bake", "a waiter with a name that is far too long for one line of a pane", to="cook")
+    cake = story.command(
+        "bake", "a waiter with a name that is far too long for one line of a pane", to="cook"
+    )
     for number in range(30):
-        asked = story.at(2.0 + number).received("is there any room left in the oven", QUERY, "cook", origin=cake)
+        asked = story.at(2.0 + number).received(
+            "is there any room left in the oven", QUERY, "cook", origin=cake
+        )
         story.at(2.5 + number).say(facts.Answered(asked))
     story.at(40.0).achieved(cake)
 
@@ -379,7 +412,9 @@ def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
 
 
 @pytest.mark.parametrize(("width", "is_below"), [(60, True), (130, False)])
-def test_where_there_is_little_room_the_story_stands_below_the_tree(width: int, is_below: bool) -> None:
+def test_where_there_is_little_room_the_story_stands_below_the_tree(
+    width: int, is_below: bool
+) -> None:
     async def act(player: Player) -> None:
         tree, story = player.app.query_one(TreePane).region, player.app.query_one(StoryPane).region
         assert (story.y >= tree.bottom, story.x >= tree.right) == (is_below, not is_below)
@@ -387,7 +422,7 @@ def test_where_there_is_little_room_the_story_stands_below_the_tree(width: int, 
     play(stumbling().entries, act, (width, 20))
 
 
-# --- what is shown of many -------------------------------------------------------------------------------------------
+# --- what is shown of many ------------------------------------------------------------------------
 
 
 def test_of_very_many_tasks_a_few_are_shown() -> None:
@@ -401,7 +436,11 @@ def test_of_very_many_tasks_a_few_are_shown() -> None:
     recording = Recording(story.entries)
     at = recording.at(recording.last)
     rows = rows_at(at, 0, {})
-    assert [recording.under_way(recording.at(place)) for place in (recording.last, 2001, 0)] == [5, 3, 0]
+    assert [recording.under_way(recording.at(place)) for place in (recording.last, 2001, 0)] == [
+        5,
+        3,
+        0,
+    ]
     assert len(rows) < 20
     assert sum(row.folded or 1 for row in rows) == 5_000
     assert {1, 1001, 2001, 3001, 4001, 5000} <= {row.task.id for row in rows if row.task}
@@ -417,7 +456,7 @@ def test_deep_trees_are_drawn() -> None:
     assert [row.is_rest for row in rows] == [False] * 3_000 + [True]
 
 
-# --- as text ---------------------------------------------------------------------------------------------------------
+# --- as text --------------------------------------------------------------------------------------
 
 
 def test_the_growth_as_text(expect: Callable[[str, str], None]) -> None:
@@ -445,7 +484,7 @@ def test_a_speed_that_is_none(tca: Tca, speed: str) -> None:
     assert tca("replay", "--speed", speed).exit_code == 2
 
 
-# --- on a real terminal ----------------------------------------------------------------------------------------------
+# --- on a real terminal ---------------------------------------------------------------------------
 
 
 SOON = 30.0
@@ -454,7 +493,13 @@ ENTER, LINE_END, CONTROL_C = "\r", "\n", "\x03"
 
 @contextmanager
 def replaying(path: Path) -> Iterator[Terminal]:
-    command = [sys.executable, "-c", "from tca_tools.command_line import main; main()", "replay", str(path)]
+    command = [
+        sys.executable,
+        "-c",
+        "from tca_tools.command_line import main; main()",
+        "replay",
+        str(path),
+    ]
     with terminal(command) as shown:
         shown.shows("task tree")
         yield shown

@@ -69,8 +69,13 @@ class Page(HTMLParser):
 
     @property
     def approved(self) -> str:
-        """What stands on the page, a line a paragraph, row or heading; without styles and drawings."""
-        return "\n".join(line for said in self.blocks if (line := re.sub(r"\s+", " ", said).strip())) + "\n"
+        """What stands on the page, a line a paragraph, row or heading; without styles and
+        drawings.
+        """
+        return (
+            "\n".join(line for said in self.blocks if (line := re.sub(r"\s+", " ", said).strip()))
+            + "\n"
+        )
 
     @property
     def text(self) -> str:
@@ -106,7 +111,11 @@ def tca_report(*arguments: object) -> Result:
     ],
 )
 def test_all_that_a_report_says(
-    name: str, made: Callable[[], Story], verdict: str, reported: Reported, expect: Callable[[str, str], None]
+    name: str,
+    made: Callable[[], Story],
+    verdict: str,
+    reported: Reported,
+    expect: Callable[[str, str], None],
 ) -> None:
     shown = reported(made())
     assert ("class", f"r-verdict {verdict}") in shown.attributes
@@ -135,13 +144,17 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
     with silent_for(run, 60.0):
         assert tca_report(run, "-o", out).exit_code == 0
     shown = Page(out.read_text())
-    assert re.search(r"; it is still running : this is how it was at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text)
+    assert re.search(
+        r"; it is still running : this is how it was at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text
+    )
     assert "The top-level task is still running, as of 64." in shown.text
     assert re.search(r"6\d\.\d s from the first task to now", shown.text)
     assert "journal did" not in shown.text
 
 
-def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened(reported: Reported) -> None:
+def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened(
+    reported: Reported,
+) -> None:
     said = (
         "KeyError: 'salt'\nTraceback (most recent call last):\n  File \"kitchen.py\", line 38, in fry\n"
         "    {}['salt']\n    ~~^^^^^^^^\nKeyError: 'salt'"
@@ -149,14 +162,18 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
     story = Story().module("user").module("stove", "fry")
     for _ in range(2):
         fry = story.at(1.0).command("fry", "user", to="stove")
-        story.at(2.0).failed(fry, "handler error", said).say(facts.Unhandled(TaskId(fry)),
-            facts.Killed(TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"),
-        )  # fmt: skip
+        story.at(2.0).failed(fry, "handler error", said).say(
+            facts.Unhandled(TaskId(fry)),
+            facts.Killed(
+                TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"
+            ),
+        )
         story.reached(fry, Moment.END_HANDLING, Moment.END_ACHIEVING)
     shown = reported(story)
     assert "\\n" not in shown.text
-    assert "was not achieved: first fry {1} failed: handler error: KeyError: 'salt' ...." in shown.text.replace(
-        "were", "was"
+    assert (
+        "was not achieved: first fry {1} failed: handler error: KeyError: 'salt' ...."
+        in shown.text.replace("were", "was")
     )
     assert shown.text.count("~~^^^^^^^^") == 1  # of both the same, told once
     whole = "\n".join(said.splitlines())
@@ -166,7 +183,11 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
     shown = reported(made("mopping"))
     assert "fly : no handler" in shown.text  # where the time went
-    for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
+    for words in (
+        "Nobody handles 'fly'",
+        "'mop floor' is suspended for a while",
+        "Suspended tasks",
+    ):
         assert words in shown.text
     assert "1 wait, 6 s" in shown.text
     assert "No advice would save" not in shown.text
@@ -174,10 +195,20 @@ def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: R
 
 def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
     shown = reported(stumbling())
-    assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(shown.tags)
-    assert all(value and value.startswith("#") for name, value in shown.attributes if name in ("href", "src"))
+    assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(
+        shown.tags
+    )
+    assert all(
+        value and value.startswith("#")
+        for name, value in shown.attributes
+        if name in ("href", "src")
+    )
     assert not [name for name, _ in shown.attributes if name.startswith("on")]
-    policy = next(value for name, value in shown.attributes if name == "content" and value and "default-src" in value)
+    policy = next(
+        value
+        for name, value in shown.attributes
+        if name == "content" and value and "default-src" in value
+    )
     assert policy.startswith("default-src 'none'")
 
 
@@ -185,7 +216,10 @@ def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Pat
     story = Story().module(HOSTILE).module("legs" + HOSTILE, "move" + HOSTILE)
     move = story.at(1.0).command("move" + HOSTILE, HOSTILE)
     story.queued(move, "legs" + HOSTILE).at(2.0).delivered(move, "legs" + HOSTILE)
-    story.at(3.0).say(facts.Failed(move, HOSTILE, HOSTILE + "\n" + HOSTILE * 20), facts.Killed(TaskId(move), HOSTILE))
+    story.at(3.0).say(
+        facts.Failed(move, HOSTILE, HOSTILE + "\n" + HOSTILE * 20),
+        facts.Killed(TaskId(move), HOSTILE),
+    )
     story.reached(move, *Moment)
     shown = reported(story)
     raw = (tmp_path / "run.html").read_text()
@@ -197,7 +231,12 @@ def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Pat
 
 def test_a_run_of_nothing(reported: Reported) -> None:
     shown = reported(Story().at(5.0))
-    for words in ("No task was sent.", "No handler ran.", "No failure was raised.", "Nobody waited."):
+    for words in (
+        "No task was sent.",
+        "No handler ran.",
+        "No failure was raised.",
+        "Nobody waited.",
+    ):
         assert words in shown.text
 
 
@@ -266,10 +305,14 @@ def test_wrong_usage(tmp_path: Path) -> None:
     run = stepping().write(tmp_path / "run")
     assert "must end in .html" in tca_report(run, "-o", tmp_path / "run.pdf").output
     assert "can't be written" in tca_report(run, "-o", tmp_path / "nowhere" / "run.html").output
-    assert "there is no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
+    assert (
+        "there is no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
+    )
 
 
-def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_jinja_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setitem(sys.modules, "jinja2", None)
     monkeypatch.delitem(sys.modules, "tca_tools.report.page", raising=False)
     result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
@@ -280,7 +323,9 @@ def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=8)
 def test_any_facts_at_all_make_a_page(told: list[facts.Fact]) -> None:
-    history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
+    history = History.until(
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+    )
     found = contents(history)
     Page(page("run", "", found, tree(history), gantt(history, found), strips(history, found)))
     for shown in (found.path, found.longest):

@@ -58,14 +58,21 @@ def known(history: History, until: float) -> dict[int, Any]:
     found = [one for one in history.tasks.values() if one.time_of(END_ACHIEVING) > until]
     return {
         one.id: (
-            one.name, one.parent, one.failure, str(one.caught_by), [f"{time:.3f}" for time in one.times],
-            [f"{state} {time:.3f}" for time, state in one.states], [f"{run.module} {run.start:.3f}" for run in one.handlings],
+            one.name,
+            one.parent,
+            one.failure,
+            str(one.caught_by),
+            [f"{time:.3f}" for time in one.times],
+            [f"{state} {time:.3f}" for time, state in one.states],
+            [f"{run.module} {run.start:.3f}" for run in one.handlings],
         )
         for one in found
-    }  # fmt: skip
+    }
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3))])
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3))]
+)
 def test_a_shortened_journal_keeps_what_lives(tca: Tca, tmp_path: Path, seed: int) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, seed)
@@ -94,7 +101,9 @@ def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
 
 
 def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
-    """The inputs begin in the fourth segment: what is from then on is compared with what they lead to."""
+    """The inputs begin in the fourth segment: what is from then on is compared with what they lead
+    to.
+    """
     files = journal_of(tmp_path / "journal", 2)
     begun = entries(files[3])[0].time
     inputs = InputLog(tmp_path / "journal", epoch="life", sync=Sync.NONE, clock=begun)
@@ -103,7 +112,9 @@ def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
     gone = inputs.folder / "00000009.tcai"  # central has just removed it
     ended = EndedTasks([gone, inputs.folder / "00000001.tcai", *files])
     ended.remove(ended.until(None, 0.0))
-    assert [path.read_bytes() == data for path, data in zip(files, before, strict=True)] == [False] * 3 + [True] * 3
+    assert [path.read_bytes() == data for path, data in zip(files, before, strict=True)] == [
+        False
+    ] * 3 + [True] * 3
 
 
 def short_life(folder: Path) -> Daemon:
@@ -123,8 +134,12 @@ def short_life(folder: Path) -> Daemon:
 
 
 @pytest.mark.parametrize("is_torn", [False, True])
-def test_a_run_is_shortened_though_each_life_is_short(tca: Tca, tmp_path: Path, is_torn: bool) -> None:
-    """Each life takes one image. Those stay that a recovery may use: the newest, and the one before it that was used."""
+def test_a_run_is_shortened_though_each_life_is_short(
+    tca: Tca, tmp_path: Path, is_torn: bool
+) -> None:
+    """Each life takes one image. Those stay that a recovery may use: the newest, and the one before
+    it that was used.
+    """
     for _ in range(5):
         short_life(tmp_path)
     before, newest = numbers(tmp_path, ".tcas")
@@ -154,7 +169,9 @@ def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None
     """A program that observes all tasks waits again after each change."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
-    said = [Entry(place, float((place + 1) // 2), [one]) for place, one in enumerate([*waits, waits[0]])]
+    said = [
+        Entry(place, float((place + 1) // 2), [one]) for place, one in enumerate([*waits, waits[0]])
+    ]
     path, newest = tmp_path / "1.tcaj", tmp_path / "2.tcaj"
     EndedTasks([segment(path, said, "life"), segment(newest, said[-1:], "life", 2)]).remove(2.5)
     assert [entry.number for entry in entries(path)] == [0, 4, 5, 6]
@@ -183,7 +200,7 @@ def test_prune_shortens_the_run_that_continues(tca: Tca, tmp_path: Path) -> None
     assert files[0].stat().st_mode & 0o777 == 0o640
 
 
-# --- ``tca log prune``: whole runs go, with what lies beside them; never what a central writes, or may go on ---------
+# --- ``tca log prune``: whole runs go, with what lies beside them; never what a central writes, or
 
 
 DAY = 86400.0
@@ -207,7 +224,9 @@ def aged(paths: list[Path], days: float) -> list[Path]:
 
 
 def beside(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
-    """Inputs and an image, as central writes them beside the segments, with numbers of their own."""
+    """Inputs and an image, as central writes them beside the segments, with numbers of their
+    own.
+    """
     made = [folder / f"{number:08d}{suffix}" for suffix in (".tcai", ".tcas", ".draft")]
     made[0].write_bytes(framed(msgspec.msgpack.encode(["inputs", 1, epoch, "0.1.0"])))
     for path in made[1:]:
@@ -219,7 +238,9 @@ def left(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-def test_whole_runs_that_ended_longer_ago_go_with_what_lies_beside_them(tca: Tca, tmp_path: Path) -> None:
+def test_whole_runs_that_ended_longer_ago_go_with_what_lies_beside_them(
+    tca: Tca, tmp_path: Path
+) -> None:
     folder = tmp_path / "robot"
     old = [*run(folder, "old", 1, ended=40), *beside(folder, 7, "old", 40)]
     new = [*run(folder, "new", 3, ended=2), *beside(folder, 9, "new", 2)]
@@ -245,7 +266,9 @@ def test_the_oldest_go_until_the_others_have_the_size(tca: Tca, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("options", [("--keep", "1h"), ("--keep-bytes", "0")])
-def test_the_newest_run_without_a_goodbye_stays(tca: Tca, tmp_path: Path, options: tuple[str, str]) -> None:
+def test_the_newest_run_without_a_goodbye_stays(
+    tca: Tca, tmp_path: Path, options: tuple[str, str]
+) -> None:
     folder = tmp_path / "robot"
     run(folder, "first", 1, ended=30, closed=False)
     crashed = run(folder, "second", 3, ended=20, closed=False)
@@ -268,7 +291,10 @@ def test_a_later_number_is_kept_whatever_its_clock_said(tca: Tca, tmp_path: Path
     for name, ended in (("000001-2026", 40), ("000002-2026", 2), ("000003-1970", 20000)):
         run(tmp_path / name, name, 1, ended=ended)
     tca("log", "prune", tmp_path, "--keep", "7d")
-    assert sorted({Path(name).parts[0] for name in left(tmp_path)}) == ["000002-2026", "000003-1970"]
+    assert sorted({Path(name).parts[0] for name in left(tmp_path)}) == [
+        "000002-2026",
+        "000003-1970",
+    ]
 
 
 def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
@@ -323,4 +349,8 @@ def test_files_that_are_none_of_a_journal_are_ignored(tca: Tca, tmp_path: Path) 
     (folder / "permissions.toml").write_text("")
     (folder / "video").mkdir()
     after = tca("tree", folder)
-    assert (after.exit_code, after.stdout, after.stderr) == (before.exit_code, before.stdout, before.stderr)
+    assert (after.exit_code, after.stdout, after.stderr) == (
+        before.exit_code,
+        before.stdout,
+        before.stderr,
+    )

@@ -8,5 +8,11 @@ def test_spans() -> None:
     assert list(levels(spans)) == [(0.0, 1), (1.0, 2), (2.0, 1), (3.0, 2), (4.0, 1), (6.0, 0)]
     one, two = Cover(spans), Cover(spans, 2)
     assert (one.total, two.total) == (6.0, 2.0)
-    assert [one.within(*window) for window in ((0, 6), (-5, 1), (5, 9), (3, 3), (7, 8))] == [6, 1, 1, 0, 0]
+    assert [one.within(*window) for window in ((0, 6), (-5, 1), (5, 9), (3, 3), (7, 8))] == [
+        6,
+        1,
+        1,
+        0,
+        0,
+    ]
     assert (two.within(1.5, 3.5), two.within(9, 1), Cover([]).within(0, 1)) == (1.0, 0.0, 0.0)

@@ -22,7 +22,9 @@ from tca_wire.vocabulary import MessageClass, Outcome
 
 
 def shown(*arguments: object, **environment: str) -> Result:
-    return CliRunner(env={"COLUMNS": "100"} | environment).invoke(stats, [str(argument) for argument in arguments])
+    return CliRunner(env={"COLUMNS": "100"} | environment).invoke(
+        stats, [str(argument) for argument in arguments]
+    )
 
 
 def of(measured: Stats, name: str) -> Any:
@@ -36,7 +38,12 @@ def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> N
 
 
 def test_all_figures(run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
-    direct = Story().module("map", "where").at(5.0).say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
+    direct = (
+        Story()
+        .module("map", "where")
+        .at(5.0)
+        .say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
+    )
     for outcome in (Outcome.DONE, Outcome.FAILED):
         direct.say(facts.HandledDirectly("where", "map", "map", "x", 0, 8, 4.5, 0.25, outcome, ""))
     asked = [
@@ -60,12 +67,15 @@ def _rounded(told: dict[str, Any]) -> str:
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= width
-    assert [line for line in lines if line.startswith("tak") and " 3" in line]  # so often it was sent
+    assert [
+        line for line in lines if line.startswith("tak") and " 3" in line
+    ]  # so often it was sent
 
 
 def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
     wide, *narrow = (
-        [line.split() for line in shown(run, COLUMNS=str(width)).stdout.splitlines()] for width in (120, 34)
+        [line.split() for line in shown(run, COLUMNS=str(width)).stdout.splitlines()]
+        for width in (120, 34)
     )
     heads, figures = narrow[0][2], next(line for line in narrow[0] if line[:2] == ["take", "steps"])
     assert heads == ["message", "sent", "p99", "p99"]
@@ -76,8 +86,12 @@ def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
 def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
-        live, until, plain = (shown(run, *more).stdout for more in ((), ("--to", 30.0), ("--json",)))
-    assert re.match(r"run: 0\.00 to 6\d\.\d\d s \(still running\), 8 tasks \(7 open\), 2 other messages", live)
+        live, until, plain = (
+            shown(run, *more).stdout for more in ((), ("--to", 30.0), ("--json",))
+        )
+    assert re.match(
+        r"run: 0\.00 to 6\d\.\d\d s \(still running\), 8 tasks \(7 open\), 2 other messages", live
+    )
     assert until.startswith("run: 0.00 to 30.00 s, 8 tasks (7 open), 2 other messages")
     measured = json.loads(plain)
     assert measured["live"]
@@ -103,11 +117,22 @@ def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: 
     dances = [story.received("dance", MessageClass.INFORM, "user") for _ in range(3)]
     for dance in dances:
         story.queued(dance)
-    run = story.say(facts.Dropped(dances[0], "any", "a newer one came")).at(61.0).write(tmp_path / "run")
+    run = (
+        story.say(facts.Dropped(dances[0], "any", "a newer one came"))
+        .at(61.0)
+        .write(tmp_path / "run")
+    )
     text = shown(run).stdout
     lines = [line.split() for line in text.splitlines()]
-    heads, figures = (next(line for line in lines if line[:1] == [name]) for name in ("message", "dance"))
-    assert dict(zip(heads[1:], figures[1:], strict=True)) == {"sent": "3", "/s": "0.049", "open": "2", "dropped": "1"}
+    heads, figures = (
+        next(line for line in lines if line[:1] == [name]) for name in ("message", "dance")
+    )
+    assert dict(zip(heads[1:], figures[1:], strict=True)) == {
+        "sent": "3",
+        "/s": "0.049",
+        "open": "2",
+        "dropped": "1",
+    }
     waited = next(line for line in lines if line[:2] == ["(no", "handler)"])
     assert waited[-9:] == ["3", "2", "60", "s+", "60", "s+", "60", "s+", "2"]
     assert text.endswith("+: at least so long; some still wait\n")

@@ -1,4 +1,6 @@
-"""Stories, waits and critical paths of runs that are too long for told/, and what gives way where there is little room."""
+"""Stories, waits and critical paths of runs that are too long for told/, and what gives way where
+there is little room.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -60,10 +62,23 @@ def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> Non
     tale = Story().module("boss", "walk").module("legs", "move").at(1.0)
     walk = tale.goal("walk", "user", to="boss", begins=True)
     moves = [tale.command("move", "boss", walk) for _ in range(1000)]
-    run = tale.returned(walk).at(2.0).delivered(moves[0], "legs").at(3.0).achieved(moves[0]).at(4.0).fold()
+    run = (
+        tale.returned(walk)
+        .at(2.0)
+        .delivered(moves[0], "legs")
+        .at(3.0)
+        .achieved(moves[0])
+        .at(4.0)
+        .fold()
+    )
     at = RunAt(run)
-    assert reasons(at, at.tasks[walk]) == ["until move {3}, move {4}, move {5} and 996 more are achieved"]
-    assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (4, 3)
+    assert reasons(at, at.tasks[walk]) == [
+        "until move {3}, move {4}, move {5} and 996 more are achieved"
+    ]
+    assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (
+        4,
+        3,
+    )
     kept = "achieving, until move {2}, move {3}, move {4} and 997 more are achieved"
     assert told(run, walk)[-1] == f"1.0 {kept}"
 
@@ -118,7 +133,10 @@ WAITS = words.TaskNote("waits until step {7} is achieved", Age(2.0, 1.0), STANDS
             None,
             "waits until step {7} is achieved, for 2 s (3 s in all); in the end for calibrate {3}, which no module handles",
         ),
-        (93, "waits until step {7} is achieved; in the end for calibrate {3}, which no module handles"),
+        (
+            93,
+            "waits until step {7} is achieved; in the end for calibrate {3}, which no module handles",
+        ),
         (20, "waits until step {7…"),
     ],
 )
@@ -133,7 +151,10 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     told = Story().module("user").module("k", "slow").at(1.0)
     slow = told.command("slow", "user", to="k")
     told.at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
-    told.say(facts.RequestRefused("user", Refusal.DEADLOCK, CIRCLE), facts.WaitEnded("user", 0, TaskId(slow)))
+    told.say(
+        facts.RequestRefused("user", Refusal.DEADLOCK, CIRCLE),
+        facts.WaitEnded("user", 0, TaskId(slow)),
+    )
     run = told.at(4.0).fold()
     (kind,) = failures(run)
     assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")

@@ -1,4 +1,5 @@
-"""What the tools tell of small runs, which are worked out by hand: each text of told/ has many of a theme.
+"""What the tools tell of small runs, which are worked out by hand: each text of told/ has many of a
+theme.
 
 ``pytest --rewrite`` writes the answers anew: commit only what you can explain.
 """
@@ -13,7 +14,9 @@ RUNS = [(path, text.strip()) for path in FILES for text in path.read_text().spli
 
 
 @pytest.mark.parametrize(
-    ("path", "text"), RUNS, ids=lambda one: one.stem if isinstance(one, Path) else one.split("\n")[0]
+    ("path", "text"),
+    RUNS,
+    ids=lambda one: one.stem if isinstance(one, Path) else one.split("\n")[0],
 )
 def test_what_is_told(path: Path, text: str, rewrite: bool) -> None:
     found = told(text)

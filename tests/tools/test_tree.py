@@ -24,7 +24,9 @@ from tca_wire.journal.facts import Failed, Killed
 from tca_wire.points import Moment, Point, TaskId
 
 Tca = Callable[..., Result]
-needs_dot = pytest.mark.skipif(not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed")
+needs_dot = pytest.mark.skipif(
+    not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed"
+)
 
 
 @pytest.fixture
@@ -32,7 +34,9 @@ def run(tmp_path: Path) -> Path:
     return walking().write(tmp_path / "run")
 
 
-def test_the_tree_in_words(tca: Tca, run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_the_tree_in_words(
+    tca: Tca, run: Path, tmp_path: Path, expect: Callable[[str, str], None]
+) -> None:
     expect("tree_walking", tca("tree", run).stdout)
     expect("tree_stumbling", tca("tree", stumbling().write(tmp_path / "fall"), "--data").stdout)
     expect("tree_arcs", tca("tree", arcs().write(tmp_path / "arcs"), "--ascii").stdout)
@@ -40,7 +44,10 @@ def test_the_tree_in_words(tca: Tca, run: Path, tmp_path: Path, expect: Callable
 
 def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
     expect("tree_walking_at_1.0", tca("tree", run, "--at", 1.0).stdout)
-    assert tca("tree", run, "--at", 0.2).stdout.splitlines() == ["run: 0.20 s, 0 tasks", "(no task was sent)"]
+    assert tca("tree", run, "--at", 0.2).stdout.splitlines() == [
+        "run: 0.20 s, 0 tasks",
+        "(no task was sent)",
+    ]
 
 
 def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
@@ -158,16 +165,25 @@ def test_deep_achieved_parts_are_folded_first() -> None:
 
 
 def test_constraints_become_one_arrow_between_two_tasks() -> None:
-    """Also delayed planning, with the sequence; and what stands in a row needs none from the first to the third."""
+    """Also delayed planning, with the sequence; and what stands in a row needs none from the first
+    to the third.
+    """
     runs = walking().fold(), arcs().fold()
     walks, delays = (arrows(RunAt(run), set(run.tasks)) for run in runs)
-    assert walks.between == {(2, 3): ["SEQ"], (3, 4): ["SEQ", "plan ahead"], (6, 7): ["SEQ"], (9, 10): ["SEQ"]}
+    assert walks.between == {
+        (2, 3): ["SEQ"],
+        (3, 4): ["SEQ", "plan ahead"],
+        (6, 7): ["SEQ"],
+        (9, 10): ["SEQ"],
+    }
     assert arrows(RunAt(runs[0]), {1, 2, 4}).between == {}
     assert (delays.between, delays.own) == ({(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}, {})
     story = Story()
     leg = TaskId(story.command("move leg", "x"))
     body = TaskId(story.command("move body", "x", 0, sequential_achievement(leg, THIS)))
-    story.command("check", "x", 0, sequential_achievement(body, THIS), sequential_achievement(leg, THIS))
+    story.command(
+        "check", "x", 0, sequential_achievement(body, THIS), sequential_achievement(leg, THIS)
+    )
     assert arrows(RunAt(story.fold()), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
     assert arrows(RunAt(story.fold()), {1, 3}).between == {(1, 3): ["SEQ"]}
 
@@ -197,14 +213,23 @@ def test_the_text_tells_what_no_module_wanted_done(tca: Tca, tmp_path: Path) -> 
     ]
 
 
-def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(tca: Tca, tmp_path: Path) -> None:
+def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(
+    tca: Tca, tmp_path: Path
+) -> None:
     """Its sender was told that it failed; that its state is "killed" needs a word."""
-    run, why = stumbling().write(tmp_path / "fall"), "failure 'terrain collision' of move body {7} was not handled"
-    assert re.findall(rf"(\w+ \w+ {{\d}}) .*{re.escape(why)}", tca("tree", run).stdout) == ["traverse arc {1}"]
+    run, why = (
+        stumbling().write(tmp_path / "fall"),
+        "failure 'terrain collision' of move body {7} was not handled",
+    )
+    assert re.findall(rf"(\w+ \w+ {{\d}}) .*{re.escape(why)}", tca("tree", run).stdout) == [
+        "traverse arc {1}"
+    ]
     assert tca("tree", run, "-o", tmp_path / "fall.dot").exit_code == 0
     labels = re.findall(r"label=<(.*?)>, style", (tmp_path / "fall.dot").read_text())
     told = [re.sub(r"<[^>]*>", " ", label) for label in labels]
-    assert [text.split(" ")[0] for text in told if "was not" in " ".join(text.split())] == ["traverse"]
+    assert [text.split(" ")[0] for text in told if "was not" in " ".join(text.split())] == [
+        "traverse"
+    ]
     assert tca("tree", run, "--layout", "outline", "-o", tmp_path / "fall.svg").exit_code == 0
     notes = re.findall(r'class="note"[^>]*>(killed[^<]*)', (tmp_path / "fall.svg").read_text())
     assert [note for note in notes if "failure" in note] == [
@@ -216,7 +241,12 @@ def test_the_picture_tells_what_central_sent_itself() -> None:
     history = made("with_roles").fold()
     dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
-    assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]
+    assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
     for meaning in ("exception handler", "sent by a wiretap", "monitor"):
         assert f">{meaning}</font>" in dot
 
@@ -247,14 +277,18 @@ def test_siblings_without_constraints_keep_their_order() -> None:
 def hostile() -> Story:
     """Names and data that would break a careless writer of dot."""
     story = Story()
-    goal = story.goal('a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"})
+    goal = story.goal(
+        'a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"}
+    )
     story.goal("", "x", goal, data="]" * 500)
     story.goal("走る ロボット", "x", goal)
     return story
 
 
 @needs_dot
-@pytest.mark.parametrize("story", [walking(), stumbling(), arcs(), hostile(), Story(), a_long_walk(3, 40)])
+@pytest.mark.parametrize(
+    "story", [walking(), stumbling(), arcs(), hostile(), Story(), a_long_walk(3, 40)]
+)
 def test_pictures_are_pictures(tca: Tca, tmp_path: Path, story: Story) -> None:
     picture = tmp_path / "tree.svg"
     result = tca("tree", story.write(tmp_path / "run"), "--data", "-o", picture)
@@ -267,7 +301,9 @@ def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]
     story = Story()
     first = story.goal("walk", "user")
     for kind, (before, after) in enumerate(KINDS):
-        story.goal(f"kind {kind}", "user", 0, Constraint(Point(TaskId(first), before), Point(THIS, after)))
+        story.goal(
+            f"kind {kind}", "user", 0, Constraint(Point(TaskId(first), before), Point(THIS, after))
+        )
     at = RunAt(story.fold())
     source = dot_source(at, whole_outline(at), "all kinds")
     assert all(f"<b>{kind}</b>" in source for kind in KINDS.values())
@@ -276,7 +312,9 @@ def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]
 
 
 @needs_dot
-def test_siblings_stand_beside_each_other_in_the_picture(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_siblings_stand_beside_each_other_in_the_picture(
+    tca: Tca, run: Path, tmp_path: Path
+) -> None:
     tca("tree", run, "-o", tmp_path / "tree.svg")
     places = {}
     for group in ET.parse(tmp_path / "tree.svg").iter("{http://www.w3.org/2000/svg}g"):
@@ -293,11 +331,18 @@ def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix
     path = tmp_path / f"tree{suffix}"
     assert tca("tree", run, "-o", path).exit_code == 0
     text = path.read_text()
-    assert text == tca("tree", run).stdout + "made by tca\n" if suffix == ".txt" else text.startswith("digraph")
+    assert (
+        text == tca("tree", run).stdout + "made by tca\n"
+        if suffix == ".txt"
+        else text.startswith("digraph")
+    )
 
 
 def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:
-    assert "must end in .svg, .png, .pdf, .html, .dot or .txt" in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
+    assert (
+        "must end in .svg, .png, .pdf, .html, .dot or .txt"
+        in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
+    )
     result = tca("tree", run, "-o", tmp_path / "no" / "such" / "folder.txt")
     assert result.exit_code == 1
     assert result.stderr.endswith("folder.txt: can't be written: No such file or directory\n")
@@ -319,13 +364,18 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
     story.goal("lift", "planner", walk, sequential_achievement(first, THIS))
     at = RunAt(story.fold())
     source = dot_source(at, whole_outline(at), "a lift")
-    near, far = (next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}")) for one in (3, 4))
+    near, far = (
+        next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}"))
+        for one in (3, 4)
+    )
     assert 'label="SEQ"' in near
     assert 'label=""' in far
-    assert "after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))
+    assert "after approach {2}" in next(
+        line for line in source.splitlines() if line.startswith("  t4 [")
+    )
 
 
-# --- large trees and long names ---------------------------------------------------------------------------------------
+# --- large trees and long names -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -346,13 +396,16 @@ def test_the_number_stays_as_long_as_something_of_the_name_does(width: int, told
 def test_numbers_of_long_names_are_seen_in_trees() -> None:
     story = Story().at(1.0)
     tasks = [
-        story.command("pour concrete with a really very long name that has no end in sight at all", "user")
+        story.command(
+            "pour concrete with a really very long name that has no end in sight at all", "user"
+        )
         for _ in range(2)
     ]
     at = RunAt(story.fold(), 9.0)
     rows = whole_outline(at)
     assert all(
-        f"… {{{task}}}" in line for task, line in zip(tasks, list(tree_lines(at, rows, width=100))[1:], strict=True)
+        f"… {{{task}}}" in line
+        for task, line in zip(tasks, list(tree_lines(at, rows, width=100))[1:], strict=True)
     )
     assert all(f"… {{{task}}}" in outline_svg(at, rows, "long") for task in tasks)
 
@@ -361,8 +414,8 @@ WHY = "failure 'bad part' was not handled"
 
 
 def jobs(good: int, bad: int, parts: int = 30) -> Story:
-    """Jobs of parts of two steps each: first those that went well; of each other one a step of part 10 failed, and all
-    that was to come of it was killed, but for a step that was done.
+    """Jobs of parts of two steps each: first those that went well; of each other one a step of part
+    10 failed, and all that was to come of it was killed, but for a step that was done.
     """
     story = Story()
     for number in range(good + bad):
@@ -402,7 +455,9 @@ def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -
 def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
     few, many = (rows_told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
     assert few == ["job achieved", "+ 90 tasks achieved"] * 10
-    assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [f"+ {36 * 91:,} tasks achieved"]
+    assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [
+        f"+ {36 * 91:,} tasks achieved"
+    ]
     assert many[5:] == ["job achieved", "+ 90 tasks achieved"] * 2
 
 

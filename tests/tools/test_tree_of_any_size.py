@@ -1,4 +1,6 @@
-"""Task trees of any size and shape: on terminals of any width, with room for reasons, and in few rows."""
+"""Task trees of any size and shape: on terminals of any width, with room for reasons, and in few
+rows.
+"""
 
 import sys
 from collections.abc import Callable
@@ -47,12 +49,18 @@ TASKS = st.tuples(st.integers(0, 8), st.sampled_from(NAMES), st.sampled_from(ran
 
 
 def grown(tasks: list[Leaf]) -> Story:
-    """Each task under the one before it, or as many levels further up as it says; it is a goal, command or monitor."""
+    """Each task under the one before it, or as many levels further up as it says; it is a goal,
+    command or monitor.
+    """
     story, path = Story().at(1.0), list[int]()
     kinds = [GOAL, COMMAND, MessageClass.POLLING_MONITOR]
     for place, (up, name, _) in enumerate(tasks):
         del path[max(len(path) - up, 0) :]
-        path.append(story.received(name, kinds[place % 3], "user", path[-1] if path else 0, data={"at": place}))
+        path.append(
+            story.received(
+                name, kinds[place % 3], "user", path[-1] if path else 0, data={"at": place}
+            )
+        )
     for number in range(len(tasks), 0, -1):
         FATES[tasks[number - 1][2]](story.at(story.entries[-1].time + 900.0), number)
     return story
@@ -74,7 +82,10 @@ def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_
             lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
             assert max(columns_of(unstyle(line)) for line in lines) <= width
     if len(tasks) < len(FLAT):
-        others = [*growth_lines(Recording(told.entries), 0.0, width), *story_lines(at.run, len(tasks), width)]
+        others = [
+            *growth_lines(Recording(told.entries), 0.0, width),
+            *story_lines(at.run, len(tasks), width),
+        ]
         assert max(columns_of(unstyle(line)) for line in others) <= width
 
 
@@ -90,7 +101,8 @@ def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_mo
     assert [row.number for row in rows] == list(range(len(rows)))
     for row in rows:
         assert row.is_rest or (
-            row.parent < row.number and row.depth == (rows[row.parent].depth + 1 if row.parent >= 0 else 0)
+            row.parent < row.number
+            and row.depth == (rows[row.parent].depth + 1 if row.parent >= 0 else 0)
         )
         assert row.is_rest or row.folded == sum(row.states.values())
 
@@ -101,26 +113,37 @@ def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path
     story.at(13_000.0).returned(walk).reached(walk, Moment.END_PLANNING).at(13_500.0).reached(
         walk, Moment.END_ACHIEVING
     )
-    _, headings, line = tca("tree", story.write(tmp_path / "run"), COLUMNS="100").stdout.splitlines()
+    _, headings, line = tca(
+        "tree", story.write(tmp_path / "run"), COLUMNS="100"
+    ).stdout.splitlines()
     assert line.split() == ["walk", "{1}", "achieved", "12000.00-13000.00", "12000.00-13500.00"]
     assert headings.index("planning") == line.index("12000.00-13000")
     assert headings.index("achieving") == line.index("12000.00-13500")
 
 
-@pytest.mark.parametrize(("columns", "headings"), [(80, []), (90, ["achieving"]), (100, ["planning", "achieving"])])
-def test_times_give_way_to_reasons(tca: Tca, tmp_path: Path, columns: int, headings: list[str]) -> None:
-    lines = tca("tree", stumbling().write(tmp_path / "fall"), COLUMNS=str(columns)).stdout.splitlines()
+@pytest.mark.parametrize(
+    ("columns", "headings"), [(80, []), (90, ["achieving"]), (100, ["planning", "achieving"])]
+)
+def test_times_give_way_to_reasons(
+    tca: Tca, tmp_path: Path, columns: int, headings: list[str]
+) -> None:
+    lines = tca(
+        "tree", stumbling().write(tmp_path / "fall"), COLUMNS=str(columns)
+    ).stdout.splitlines()
     assert lines[1].split() == ["task", "state", *headings]
     assert "failure 'terrain collision' of move" in lines[2]
 
 
-# --- What the tools do for a run grows as its journal does: lines of ours that are executed are counted, not seconds
+# --- What the tools do for a run grows as its journal does: lines of ours that are executed are cou
 
 
 SIZES = 1, 20, 40, 80
 TRACED = [
     *((shape, tool) for shape in SHAPES for tool in ("replay --text", "view", "export csv")),
-    *(("retries", tool) for tool in ("report", "gantt svg", "check", "stats", "export mcap", "export perfetto")),
+    *(
+        ("retries", tool)
+        for tool in ("report", "gantt svg", "check", "stats", "export mcap", "export perfetto")
+    ),
 ]
 
 
@@ -147,7 +170,9 @@ def lines_of(tool: Callable[[], object]) -> int:
 @pytest.fixture(scope="module")
 def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
     folder = tmp_path_factory.mktemp("journals")
-    made: dict[str, list[Path]] = {shape: [folder / f"{shape}{size}.tcaj" for size in SIZES] for shape in SHAPES}
+    made: dict[str, list[Path]] = {
+        shape: [folder / f"{shape}{size}.tcaj" for size in SIZES] for shape in SHAPES
+    }
     for shape, paths in made.items():
         for size, path in zip(SIZES, paths, strict=True):
             make(shape, size, path)

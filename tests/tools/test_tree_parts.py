@@ -1,4 +1,6 @@
-"""Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for a figure."""
+"""Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for
+a figure.
+"""
 
 import re
 import sys
@@ -86,14 +88,20 @@ def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
 
 def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
-    assert (tmp_path / "story.txt").read_text().startswith("move body {7}: failed\nunder traverse arc {1} > ")
+    assert (
+        (tmp_path / "story.txt")
+        .read_text()
+        .startswith("move body {7}: failed\nunder traverse arc {1} > ")
+    )
     at = tca("tree", run, "--story", 7, "--at", 4.0).stdout
     assert at.startswith("move body {7}: handling\n")
     assert "terrain collision" not in at
     assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
 
 
-def test_guides_go_on_deep_down(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_guides_go_on_deep_down(
+    tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]
+) -> None:
     story, parent = Story(), 0
     for _ in range(24):
         parent = story.goal("take steps", "planner", parent)
@@ -112,7 +120,9 @@ def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf", "html"])
 @pytest.mark.parametrize("layout", ["figure", "outline"])
-def test_pictures_of_both_kinds(tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str) -> None:
+def test_pictures_of_both_kinds(
+    tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str
+) -> None:
     if layout == "figure":
         pytest.importorskip("pygraphviz")
     result = tca("tree", run, "--layout", layout, "-o", tmp_path / f"tree.{kind}")
@@ -130,7 +140,9 @@ def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
         if text.get("class") == "name" and "{" in (text.text or "")
     }
     assert len(boxes) == len(at.tasks)
-    assert sorted(boxes.values(), key=lambda place: place[1]) == list(boxes.values())  # downwards, in their order
+    assert sorted(boxes.values(), key=lambda place: place[1]) == list(
+        boxes.values()
+    )  # downwards, in their order
     assert boxes["take steps {2}"][0] == boxes["take steps {3}"][0] < boxes["move leg {6}"][0]
     heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
     assert len(heavy) == 4
@@ -149,13 +161,17 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
 
 
 def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_tools.tasktree_viz.outline_svg._TIMES", 15.0)  # a narrow picture with much in it
+    monkeypatch.setattr(
+        "tca_tools.tasktree_viz.outline_svg._TIMES", 15.0
+    )  # a narrow picture with much in it
     at = RunAt(History.until(walk()), 37.0)
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))
     legend = [text for text in picture.iter(f"{SVG}text") if text.get("class") == "meaning"]
     assert "sent by a wiretap" in [text.text for text in legend]
-    assert all(float(text.get("x", 0)) + len(text.text or "") * CHARACTER <= width for text in legend)
+    assert all(
+        float(text.get("x", 0)) + len(text.text or "") * CHARACTER <= width for text in legend
+    )
     assert len({text.get("y") for text in legend}) > 1
 
 
@@ -180,11 +196,22 @@ def test_without_graphviz_an_outline_is_drawn(
     assert not (tmp_path / "figure.svg").exists()
 
 
-@pytest.mark.parametrize(("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")])
-def test_the_program_dot_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                               reads: str, code: int, said: str) -> None:  # fmt: skip
+@pytest.mark.parametrize(
+    ("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
+)
+def test_the_program_dot_draws(
+    tca: Tca,
+    run: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    reads: str,
+    code: int,
+    said: str,
+) -> None:
     program = tmp_path / "dot"
-    program.write_text(f"#!/bin/sh\nif grep -q '{reads}'; then echo '<svg/>'; else echo bad >&2; exit 1; fi\n")
+    program.write_text(
+        f"#!/bin/sh\nif grep -q '{reads}'; then echo '<svg/>'; else echo bad >&2; exit 1; fi\n"
+    )
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     result = tca("tree", run, "--layout", "figure", "-o", tmp_path / "tree.svg")
@@ -213,11 +240,15 @@ def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[E
         known, remembered = History.until(entries, moment), RunAt.by_clock(whole, moment)
         read = RunAt.by_clock(known, moment)
         assert (read.moment, read.time) == (remembered.moment, remembered.time)
-        shown, expected = (list(tree_lines(at, whole_outline(at), with_data=True)) for at in (read, remembered))
+        shown, expected = (
+            list(tree_lines(at, whole_outline(at), with_data=True)) for at in (read, remembered)
+        )
         assert shown == expected
 
 
-def test_damage_after_the_moment_that_was_asked_for_is_not_reached(tca: Tca, tmp_path: Path) -> None:
+def test_damage_after_the_moment_that_was_asked_for_is_not_reached(
+    tca: Tca, tmp_path: Path
+) -> None:
     entries = walk()
     late = tmp_path / "late.tcaj"
     late.write_bytes(encoded(entries) + b"\xce and then garbage")
@@ -234,7 +265,7 @@ def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run
         assert refused == "Error: no module 'controller' in this journal until 0.15 s\n"
 
 
-# --- the heavy lines of an outline: who waits for whom ---------------------------------------------------------------
+# --- the heavy lines of an outline: who waits for whom --------------------------------------------
 
 
 def after(*tasks: int) -> list[Constraint]:
@@ -281,7 +312,9 @@ def drawn(story: Story) -> Picture:
 
 
 def test_each_wait_has_a_line_of_its_own() -> None:
-    """Who waits for one paint, who for the other and who for both: it looked as if all waited for both."""
+    """Who waits for one paint, who for the other and who for both: it looked as if all waited for
+    both.
+    """
     picture = drawn(brothers((), (), (2,), (3,), (2, 3)))
     assert sorted(picture.pairs) == [(2, 4), (2, 6), (3, 5), (3, 6)]
     assert len(set(picture.strokes)) == 3
@@ -300,7 +333,9 @@ def test_what_has_no_room_is_said_in_words() -> None:
     said = {words for words in picture.words if words.startswith("after ")}
     assert len(picture.pairs) == MOST_LANES
     assert len(said) == 9 - MOST_LANES
-    assert {f"after work {{{task}}}" for task in range(2, 11) if (task, task + 9) not in picture.pairs} == said
+    assert {
+        f"after work {{{task}}}" for task in range(2, 11) if (task, task + 9) not in picture.pairs
+    } == said
 
 
 def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
@@ -310,7 +345,10 @@ def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
     shown = {int(row.task.id) for row in rows if row.task}
     picture = Picture(at, rows)
     assert {one for one, _ in picture.pairs} == shown - {1, 42}
-    assert f"after work {{4}}, work {{5}}, work {{6}} and {40 - len(picture.pairs) - 3} more" in picture.words
+    assert (
+        f"after work {{4}}, work {{5}}, work {{6}} and {40 - len(picture.pairs) - 3} more"
+        in picture.words
+    )
     assert "after work {2}, work {3}, work" in dot_source(at, rows, "")
 
 
@@ -321,7 +359,9 @@ def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
 
 
 def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
-    """A check waits for a body move and, as after a kill, for the leg move before that, which is not shown."""
+    """A check waits for a body move and, as after a kill, for the leg move before that, which is
+    not shown.
+    """
     at = RunAt(brothers((), (2,), (2, 3)).fold())
     assert arrows(at, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
@@ -345,7 +385,11 @@ def test_deep_down_lines_would_run_into_each_other() -> None:
     assert f"after move {{{first}}}" in picture.words
 
 
-@given(st.sets(st.tuples(st.integers(0, 12), st.integers(0, 12)).filter(lambda pair: pair[0] < pair[1])))
+@given(
+    st.sets(
+        st.tuples(st.integers(0, 12), st.integers(0, 12)).filter(lambda pair: pair[0] < pair[1])
+    )
+)
 def test_lines_say_nothing_that_is_not_so(pairs: set[tuple[int, int]]) -> None:
     found = lines(pairs)
     said = [pair for line in found for pair in product(line.sources, line.to)]

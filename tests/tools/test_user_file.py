@@ -27,8 +27,12 @@ def write(folder: Path, **files: str) -> Path:
     return folder / "scenario.py"
 
 
-def test_what_lies_beside_it_can_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wherever the command is called from, also by a link, also only when one of its functions is called."""
+def test_what_lies_beside_it_can_be_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever the command is called from, also by a link, also only when one of its functions is
+    called.
+    """
     text = "from legs import LEGS\ndef later():\n    import arms\n    return arms.ARMS"
     path = write(tmp_path / "robot", scenario=text, legs="LEGS = 6", arms="ARMS = 2")
     (tmp_path / "link.py").symlink_to(path)
@@ -41,7 +45,9 @@ def test_what_lies_beside_it_can_be_imported(tmp_path: Path, monkeypatch: pytest
 def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path) -> None:
     """Properties of two robots are checked at once, and each robot has its messages.py."""
     for robot, legs in (("ambler", 6), ("dog", 4), ("ambler", 6)):
-        path = write(tmp_path / robot, scenario="from messages import LEGS", messages=f"LEGS = {legs}")
+        path = write(
+            tmp_path / robot, scenario="from messages import LEGS", messages=f"LEGS = {legs}"
+        )
         (tmp_path / robot / "parts").mkdir(exist_ok=True)
         (tmp_path / robot / "parts" / "head.py").write_text(f"EYES = {legs}")
         path.write_text("from messages import LEGS\nfrom parts.head import EYES")
@@ -59,5 +65,7 @@ def test_what_everybody_imports_stays_one(tmp_path: Path) -> None:
 
 def test_an_error_says_where(tmp_path: Path) -> None:
     path = write(tmp_path, scenario="\nimport messages", messages="1 / 0")
-    with pytest.raises(BadUserFile, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"):
+    with pytest.raises(
+        BadUserFile, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"
+    ):
         names_of(path)

@@ -1,4 +1,6 @@
-"""A monitor that ends with what it watches over is never what that, or what is above it, waits for."""
+"""A monitor that ends with what it watches over is never what that, or what is above it, waits
+for.
+"""
 
 from math import inf
 
@@ -22,8 +24,8 @@ WALK, MOVE, GUARD = TaskId(1), TaskId(2), TaskId(3)
 
 
 def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
-    """A walk {1} makes a move {2}, which a guard {3} watches over; eleven moves wait for the walk. The guard may have
-    been fired, and have sent a lift {4} that nobody handles.
+    """A walk {1} makes a move {2}, which a guard {3} watches over; eleven moves wait for the walk.
+    The guard may have been fired, and have sent a lift {4} that nobody handles.
     """
     player = FoldedPlayer()
     player.module("planner", "goal walk")
@@ -34,7 +36,9 @@ def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
     player.request("user", headers.Register, [guard])
     assert player.task("user", "walk") == WALK
     assert player.task("planner/1", "move", under=WALK) == MOVE
-    assert player.task("user", "guard", under=MOVE, watch=WatchOptions(waited_for=waited_for)) == GUARD
+    assert (
+        player.task("user", "guard", under=MOVE, watch=WatchOptions(waited_for=waited_for)) == GUARD
+    )
     if fired:
         player.request("legs/1", headers.Fire, GUARD, body=b"\x07")
     player.reply("planner/1")
@@ -46,7 +50,10 @@ def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
 def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
     player = guarded()
     at = RunAt(player.history)
-    assert [reasons(at, at.tasks[one]) for one in (WALK, MOVE)] == [["until move {2} is achieved"], []]
+    assert [reasons(at, at.tasks[one]) for one in (WALK, MOVE)] == [
+        ["until move {2} is achieved"],
+        [],
+    ]
     assert str(in_the_end(at, at.tasks[TaskId(4)])) == "for move {2}, which legs handles"
     waiting, things, found = causes(at)
     assert (waiting, things, [cause.tasks for cause in found]) == (12, 1, [12])  # each once
@@ -55,7 +62,9 @@ def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
 def test_central_says_so_too() -> None:
     player = guarded()
     walk = player.central.tree.tasks[WALK]
-    assert waits_of(player.central, next_of(walk)) == [WaitFor(WaitKind.SUBTASK, MOVE, "move", END_ACHIEVING)]
+    assert waits_of(player.central, next_of(walk)) == [
+        WaitFor(WaitKind.SUBTASK, MOVE, "move", END_ACHIEVING)
+    ]
     running = WaitFor(WaitKind.RUNNING, MOVE, "move", module="legs", resource="legs")
     assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == running
     told = load(player.central)
@@ -71,8 +80,12 @@ def test_what_the_monitor_has_sent_is_waited_for() -> None:
     assert reasons(at, at.tasks[MOVE]) == ["until lift {4} is achieved"]
     walk = player.central.tree.tasks[WALK]
     move = player.central.tree.tasks[MOVE]
-    assert waits_of(player.central, next_of(move)) == [WaitFor(WaitKind.SUBTASK, TaskId(4), "lift", END_ACHIEVING)]
-    assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == WaitFor(WaitKind.HANDLER, name="lift")
+    assert waits_of(player.central, next_of(move)) == [
+        WaitFor(WaitKind.SUBTASK, TaskId(4), "lift", END_ACHIEVING)
+    ]
+    assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == WaitFor(
+        WaitKind.HANDLER, name="lift"
+    )
     assert str(in_the_end(at, at.tasks[WALK])) == "for lift {4}, which no module handles"
 
 

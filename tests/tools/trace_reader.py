@@ -1,7 +1,8 @@
-"""Reads a Perfetto trace as its trace processor does, but strictly: what that would count as an error fails here.
+"""Reads a Perfetto trace as its trace processor does, but strictly: what that would count as an
+error fails here.
 
-The rules are those of perfetto.dev ("Writing TrackEvent Protos Synthetically") and of the importer's slice, flow and
-track trackers; the classes are the published ones.
+The rules are those of perfetto.dev ("Writing TrackEvent Protos Synthetically") and of the
+importer's slice, flow and track trackers; the classes are the published ones.
 """
 
 from collections import defaultdict
@@ -12,7 +13,8 @@ from typing import Any
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace, TrackEvent
 
 BEGIN, END, INSTANT, COUNTER = (
-    getattr(TrackEvent, f"TYPE_{name}") for name in ("SLICE_BEGIN", "SLICE_END", "INSTANT", "COUNTER")
+    getattr(TrackEvent, f"TYPE_{name}")
+    for name in ("SLICE_BEGIN", "SLICE_END", "INSTANT", "COUNTER")
 )
 DEEPEST_TRACK, DEEPEST_SLICE = 10, 512
 
@@ -85,7 +87,9 @@ class Reader:
                 self._names[kind][written.iid] = written.name
         match packet.WhichOneof("data"):
             case "clock_snapshot":
-                self.read.clocks = {clock.clock_id: clock.timestamp for clock in packet.clock_snapshot.clocks}
+                self.read.clocks = {
+                    clock.clock_id: clock.timestamp for clock in packet.clock_snapshot.clocks
+                }
             case "track_descriptor":
                 self._track(packet.track_descriptor)
             case "track_event":
@@ -107,7 +111,9 @@ class Reader:
         assert time >= self._time, "events are sorted"
         self._time = time
         track = self.read.tracks[event.track_uuid]
-        assert (event.type == COUNTER) == track.HasField("counter"), "counters have tracks of their own"
+        assert (event.type == COUNTER) == track.HasField("counter"), (
+            "counters have tracks of their own"
+        )
         stack = self._stacks[event.track_uuid]
         if event.type == COUNTER:
             self.read.counters[self.read.path(track.uuid)].append((time, event.counter_value))
@@ -120,12 +126,24 @@ class Reader:
             self._slice(time, event, stack)
 
     def _slice(self, time: int, event: Any, stack: list[Slice]) -> None:
-        details = {self._names["debug_annotation_names"][one.name_iid]: told(one) for one in event.debug_annotations}
+        details = {
+            self._names["debug_annotation_names"][one.name_iid]: told(one)
+            for one in event.debug_annotations
+        }
         name = self._names["event_names"][event.name_iid]
         category = self._names["event_categories"][event.category_iids[0]]
         end = time if event.type == INSTANT else None
         above = stack[-1] if stack else None
-        new = Slice(self.read.path(event.track_uuid), name, category, time, end, above, details, event.track_uuid)
+        new = Slice(
+            self.read.path(event.track_uuid),
+            name,
+            category,
+            time,
+            end,
+            above,
+            details,
+            event.track_uuid,
+        )
         assert new.depth < DEEPEST_SLICE
         self.read.slices.append(new)
         if event.type == BEGIN:
@@ -148,7 +166,9 @@ def told(annotation: Any) -> Any:
 
 
 def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
-    """All that is in a trace. Fails where a rule is broken; of *nonsense* arrows may lead nowhere."""
+    """All that is in a trace. Fails where a rule is broken; of *nonsense* arrows may lead
+    nowhere.
+    """
     trace = Trace()
     trace.ParseFromString(trace_file)
     reader = Reader()

@@ -1,4 +1,6 @@
-"""A network in one thread and of no time: it loses, delays, doubles and reorders datagrams as a seed has it."""
+"""A network in one thread and of no time: it loses, delays, doubles and reorders datagrams as a
+seed has it.
+"""
 
 import heapq
 import itertools
@@ -14,7 +16,9 @@ class LossyNetwork:
 
     def __init__(self, names: list[str], seed: int, loss: float = 0.5) -> None:
         self.chance, self.loss = random.Random(seed), loss
-        self.tables = {name: Statuses(name, [other for other in names if other != name]) for name in names}
+        self.tables = {
+            name: Statuses(name, [other for other in names if other != name]) for name in names
+        }
         self.now = 0.0
         self.sent = 0
         self._numbers = itertools.count()
@@ -40,7 +44,9 @@ class LossyNetwork:
         for _ in range(1 + (self.chance.random() < 0.1)):
             self.sent += 1
             if self.chance.random() >= self.loss:
-                self.at(self.chance.uniform(0.0, 0.3), lambda: self._arrive(sender, receiver, datagram))
+                self.at(
+                    self.chance.uniform(0.0, 0.3), lambda: self._arrive(sender, receiver, datagram)
+                )
 
     def _arrive(self, sender: str, receiver: str, datagram: bytes) -> None:
         answer = self.tables[receiver].receive(sender, datagram)

@@ -1,4 +1,6 @@
-"""The table of docs/turtle.md: each listing of the paper has its counterpart here, as short or shorter, and a test."""
+"""The table of docs/turtle.md: each listing of the paper has its counterpart here, as short or
+shorter, and a test.
+"""
 
 import ast
 import io
@@ -16,8 +18,14 @@ ROOT = Path(__file__).parents[2]
 TURTLE = ROOT / "robots" / "turtle_sim"
 PAGE = (ROOT / "docs" / "turtle.md").read_text()
 NO_CODE = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING, tokenize.ENDMARKER,
-}  # fmt: skip
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}
 
 
 class Row(NamedTuple):
@@ -33,7 +41,15 @@ def rows() -> list[Row]:
     for line in PAGE.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 5 and cells[1].isdecimal():
-            found.append(Row(cells[0], int(cells[1]), int(cells[2]), re.findall(r"`([^`]+)`", cells[3]), cells[4]))
+            found.append(
+                Row(
+                    cells[0],
+                    int(cells[1]),
+                    int(cells[2]),
+                    re.findall(r"`([^`]+)`", cells[3]),
+                    cells[4],
+                )
+            )
     return found
 
 
@@ -41,8 +57,8 @@ ROWS = rows()
 
 
 def code_lines(place: str) -> int:
-    """Lines of code of a file, of the body of one of its functions, or of one of its classes (`file: name`): no empty ones,
-    comments or docstrings.
+    """Lines of code of a file, of the body of one of its functions, or of one of its classes
+    (`file: name`): no empty ones, comments or docstrings.
     """
     file, _, name = place.partition(": ")
     text = next(path for path in (TURTLE / file, ROOT / file) if path.exists()).read_text()
@@ -51,7 +67,11 @@ def code_lines(place: str) -> int:
     tree = ast.parse(text)
     nodes: list[ast.AST] = [tree]
     if name:
-        (part,) = [one for one in tree.body if isinstance(one, ast.FunctionDef | ast.ClassDef) and one.name == name]
+        (part,) = [
+            one
+            for one in tree.body
+            if isinstance(one, ast.FunctionDef | ast.ClassDef) and one.name == name
+        ]
         nodes = list(part.body) if isinstance(part, ast.FunctionDef) else [part]
     code = lines_with_code(text)
     if name:
@@ -66,7 +86,11 @@ def lines_with_code(text: str) -> set[int]:
         if token.type not in NO_CODE:
             lines |= set(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             lines -= set(range(node.lineno, (node.end_lineno or 0) + 1))
     return lines
 

@@ -8,14 +8,23 @@ from robots.turtle_sim.missions.machine import machine
 def test_its_states() -> None:
     chart = machine([(1.0, 9.0)]).chart
     assert [(state.label, state.parent) for state in chart.states] == [
-        ("patrol", -1), ("Wait", 0), ("GoTo", 0), ("concurrence", 0), ("WaitForROI", 3), ("sequence", 3),
-        ("Wait 2", 5), ("GoTo 2", 5), ("GoTo 3", 0),
-    ]  # fmt: skip
+        ("patrol", -1),
+        ("Wait", 0),
+        ("GoTo", 0),
+        ("concurrence", 0),
+        ("WaitForROI", 3),
+        ("sequence", 3),
+        ("Wait 2", 5),
+        ("GoTo 2", 5),
+        ("GoTo 3", 0),
+    ]
     assert [arrow.target for arrow in chart.arrows if arrow.source == 8] == [1]
 
 
 def test_the_machine() -> None:
-    """The turtle never comes to the region: all points, then the middle, then from the beginning."""
+    """The turtle never comes to the region: all points, then the middle, then from the
+    beginning.
+    """
     with town() as there:
         carry_out(there, bounded(there, 9, machine([(1.0, 3.0), (3.0, 3.0)]).run))
         tasks = [task for task in started(there) if task != "WaitForROI"]
@@ -25,7 +34,9 @@ def test_the_machine() -> None:
 
 
 def test_the_region_ends_the_concurrence() -> None:
-    """On its way to the first point the turtle comes through the region: the second point is never gone to."""
+    """On its way to the first point the turtle comes through the region: the second point is never
+    gone to.
+    """
     with town() as there:
         carry_out(there, bounded(there, 6, machine([(10.0, 6.5), (10.0, 1.0)]).run))
         assert sorted(started(there)[2:4]) == ["Wait", "WaitForROI"]

@@ -74,7 +74,8 @@ def test_the_console() -> None:
         assert math.dist(there.place, (5.0, 5.0)) < 0.11
     assert "GoTo        Reach a desired destination." in shown
     assert any(
-        "dist_threshold" in text and "Distance at which the target is considered reached" in text for text in shown
+        "dist_threshold" in text and "Distance at which the target is considered reached" in text
+        for text in shown
     )
     assert any(text.startswith("GoTo {") and "completed" in text for text in shown)
 
@@ -102,4 +103,7 @@ def test_letters() -> None:
         drawn = [(stroke.points[0], stroke.points[-1]) for stroke in there.world.strokes]
         wanted = [(stroke[0], stroke[-1]) for letter in (T, C, A) for stroke in letter]
         for ends, places in zip(drawn, wanted, strict=True):
-            assert [math.dist(*pair) < 0.1 for pair in zip(ends, places, strict=True)] == [True, True]
+            assert [math.dist(*pair) < 0.1 for pair in zip(ends, places, strict=True)] == [
+                True,
+                True,
+            ]

@@ -16,7 +16,9 @@ NO_WAY = Failure("no way")
 
 @contextmanager
 def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
-    """The navigator lets the turtle jump, after a second of planning; there is no way to places below the x axis."""
+    """The navigator lets the turtle jump, after a second of planning; there is no way to places
+    below the x axis.
+    """
     with town(Pose(5.0, 5.0), tasks=[MoveBase, MoveGoal]) as there:
         told, navigator = list[Target](), Module("navigator", there.central)
 
@@ -47,7 +49,10 @@ def test_move_base() -> None:
 
 
 def test_what_fails_there_fails_here() -> None:
-    with town_with_navigator() as (there, _), pytest.raises(TaskFailed, match="below the sheet") as failed:
+    with (
+        town_with_navigator() as (there, _),
+        pytest.raises(TaskFailed, match="below the sheet") as failed,
+    ):
         there.run("MoveBase", goal_y=-1.0)
     assert failed.value.failure == "no way"
 

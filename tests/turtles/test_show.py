@@ -1,4 +1,6 @@
-"""The whole thing, with real processes: central, the turtle's task server, the mission, the pictures."""
+"""The whole thing, with real processes: central, the turtle's task server, the mission, the
+pictures.
+"""
 
 import os
 import re
@@ -29,14 +31,19 @@ def show(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_a_mission_is_shown(tmp_path: Path) -> None:
     shown = show(tmp_path, "background", "--pace", "16")
     assert (shown.returncode, shown.stderr) == (0, "")
-    assert re.search(r"s  turtle: WaitForROI\(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0\)\n", shown.stdout)
+    assert re.search(
+        r"s  turtle: WaitForROI\(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0\)\n",
+        shown.stdout,
+    )
     assert shown.stdout.endswith(f"made {tmp_path / 'sheet.svg'}\nmade {tmp_path / 'sheet.png'}\n")
     assert (tmp_path / "sheet.svg").read_text().count('class="stroke"') == 1
     assert (tmp_path / "sheet.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", [name for name in SHOWS if name not in ("background", "three-turtles")])
+@pytest.mark.parametrize(
+    "name", [name for name in SHOWS if name not in ("background", "three-turtles")]
+)
 def test_so_are_the_others(tmp_path: Path, name: str) -> None:
     shown = show(tmp_path, name)
     assert (shown.returncode, shown.stderr) == (0, "")
@@ -57,17 +64,25 @@ def test_three_robots_of_tca_run(tmp_path: Path) -> None:
     """As the page says; in the turtles' own time."""
     with ExitStack() as stack:
         for turtle in MISSIONS:
-            robot = start("tca_tools.supervise", str(ROBOT / "sync" / f"{turtle}.toml"), log=tmp_path / f"{turtle}.log")
+            robot = start(
+                "tca_tools.supervise",
+                str(ROBOT / "sync" / f"{turtle}.toml"),
+                log=tmp_path / f"{turtle}.log",
+            )
             stack.callback(robot.wait, 60)
             stack.callback(robot.send_signal, signal.SIGINT)
         missions = {
             turtle: start(
-                "robots.turtle_sim.missions.three_turtles", turtle, log=tmp_path / f"mission of {turtle}.log",
+                "robots.turtle_sim.missions.three_turtles",
+                turtle,
+                log=tmp_path / f"mission of {turtle}.log",
                 central=f"ipc:///tmp/tca-{turtle}.sock",
             )
             for turtle in MISSIONS
-        }  # fmt: skip
-        assert {turtle: mission.wait(180) for turtle, mission in missions.items()} == dict.fromkeys(MISSIONS, 0)
+        }
+        assert {turtle: mission.wait(180) for turtle, mission in missions.items()} == dict.fromkeys(
+            MISSIONS, 0
+        )
 
 
 def start(module: str, *arguments: str, log: Path, central: str = "") -> subprocess.Popen[bytes]:
@@ -78,9 +93,13 @@ def start(module: str, *arguments: str, log: Path, central: str = "") -> subproc
 
 
 def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:
-    """That a turtle leaves for a place, and that it has come there and says so, in the order of all turtles."""
+    """That a turtle leaves for a place, and that it has come there and says so, in the order of all
+    turtles.
+    """
     goals = dict[str, tuple[float, float]]()
-    for turtle, task, x, y in re.findall(r"s  (turtle\d): (\w+)\((?:goal_x=([\d.]+), goal_y=([\d.]+))?", said):
+    for turtle, task, x, y in re.findall(
+        r"s  (turtle\d): (\w+)\((?:goal_x=([\d.]+), goal_y=([\d.]+))?", said
+    ):
         if task == "GoTo":
             goals[turtle] = float(x), float(y)
             yield "left for", turtle, goals[turtle]
@@ -89,9 +108,15 @@ def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:
 
 
 def test_the_robots_files() -> None:
-    names = {path.name: [program.name for program in load(path).programs] for path in ROBOT.rglob("turtle*.toml")}
+    names = {
+        path.name: [program.name for program in load(path).programs]
+        for path in ROBOT.rglob("turtle*.toml")
+    }
     assert names == {
         "turtle.toml": ["central", "simulator", "turtle"],
-        **{f"turtle{number}.toml": ["central", "simulator", f"turtle{number}"] for number in (1, 2, 3)},
+        **{
+            f"turtle{number}.toml": ["central", "simulator", f"turtle{number}"]
+            for number in (1, 2, 3)
+        },
     }
     assert list(load_team(ROBOT / "sync" / "team.toml")) == ["turtle1", "turtle2", "turtle3"]

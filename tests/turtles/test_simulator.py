@@ -18,7 +18,11 @@ def simulator(*names: str, pace: float = 1.0) -> Simulator:
 
 def test_a_turtle_follows_commands_and_tells_where_it_is() -> None:
     made = simulator("t")
-    with LocalCentral(stepped=True) as central, made.module("t", central).running(), connect("test", central) as user:
+    with (
+        LocalCentral(stepped=True) as central,
+        made.module("t", central).running(),
+        connect("test", central) as user,
+    ):
         user.inform(VELOCITY, Velocity(1.0))
         central.advance(0.5)
         pose = user.get_variable(POSE)
@@ -29,12 +33,18 @@ def test_a_turtle_follows_commands_and_tells_where_it_is() -> None:
 
 def test_pens_and_the_sheet() -> None:
     made = simulator("t")
-    with LocalCentral(stepped=True) as central, made.module("t", central).running(), connect("test", central) as user:
+    with (
+        LocalCentral(stepped=True) as central,
+        made.module("t", central).running(),
+        connect("test", central) as user,
+    ):
         assert user.command(CHANGE_PEN, Pen(255, 0, 0, 4)).wait(timeout=5) is Outcome.DONE
         user.inform(VELOCITY, Velocity(1.0))
         central.advance(1.0)
         sheet = user.query(SHEET)
-        assert [(stroke.pen.colour, len(stroke.points)) for stroke in sheet.strokes] == [("#ff0000", 2)]
+        assert [(stroke.pen.colour, len(stroke.points)) for stroke in sheet.strokes] == [
+            ("#ff0000", 2)
+        ]
         assert list(sheet.turtles) == ["t"]
         user.command(CLEAR_SHEET).wait(timeout=5)
         assert user.query(SHEET).strokes == []

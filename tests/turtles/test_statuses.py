@@ -23,13 +23,21 @@ def exchange(one: Statuses, other: Statuses) -> None:
         sender, receiver, raw = receiver, sender, answer
 
 
-@given(st.integers(0, 10**6), st.lists(st.tuples(st.sampled_from(NAMES), st.integers(-5, 5)), max_size=12))
-def test_all_know_all_in_the_end_and_then_nobody_talks(seed: int, changes: list[tuple[str, int]]) -> None:
+@given(
+    st.integers(0, 10**6),
+    st.lists(st.tuples(st.sampled_from(NAMES), st.integers(-5, 5)), max_size=12),
+)
+def test_all_know_all_in_the_end_and_then_nobody_talks(
+    seed: int, changes: list[tuple[str, int]]
+) -> None:
     network = LossyNetwork(NAMES, seed)
     for number, (name, status) in enumerate(changes):
         network.at(0.1 * number, partial(network.tables[name].set, status))
     network.run(
-        lambda: network.now > 0.1 * len(changes) and not any(one.waiting_for() for one in network.tables.values())
+        lambda: (
+            network.now > 0.1 * len(changes)
+            and not any(one.waiting_for() for one in network.tables.values())
+        )
     )
     last = {**dict.fromkeys(NAMES, 0), **dict(changes)}
     for table in network.tables.values():
@@ -105,11 +113,15 @@ def test_damaged_datagrams_change_nothing(raw: bytes) -> None:
 
 
 NAMED = st.sampled_from([*NAMES, "d"])
-ENTRIES = st.dictionaries(NAMED, st.builds(VersionedStatus, st.integers(1, 2**53), st.integers(-9, 9)))
+ENTRIES = st.dictionaries(
+    NAMED, st.builds(VersionedStatus, st.integers(1, 2**53), st.integers(-9, 9))
+)
 
 
 @given(st.lists(st.builds(Datagram, NAMED, ENTRIES, st.booleans()), max_size=5))
-def test_whatever_partners_say_a_robot_keeps_its_own_status_and_can_change_it(datagrams: list[Datagram]) -> None:
+def test_whatever_partners_say_a_robot_keeps_its_own_status_and_can_change_it(
+    datagrams: list[Datagram],
+) -> None:
     a = Statuses("a", ["b", "c"], status=7)
     for datagram in datagrams:
         a.receive("b", msgspec.msgpack.encode(datagram))

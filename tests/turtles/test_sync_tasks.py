@@ -10,15 +10,24 @@ from robots.turtle_sim.sync.environment import SyncEnvironment
 from robots.turtle_sim.sync.link import StatusLink
 from robots.turtle_sim.sync.tasks import TASKS_OF_TEAMS
 from robots.turtle_sim.sync.team import free_team
-from tca_behaviours.missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT, TaskStatus
+from tca_behaviours.missions import (
+    MISSION_TASK_INITIALISATION_FAILED,
+    MISSION_TASK_TIMEOUT,
+    TaskStatus,
+)
 from tca_module import Outcome, TaskFailed
 
 
 @contextmanager
 def team() -> Iterator[tuple[Town, StatusLink, StatusLink]]:
-    """The town of a turtle "a", its link, and that of its partner "b"; there is a "c" that never comes."""
+    """The town of a turtle "a", its link, and that of its partner "b"; there is a "c" that never
+    comes.
+    """
     addresses = free_team("a", "b", "c")
-    with StatusLink("a", addresses, loss=0.5) as own, StatusLink("b", addresses, loss=0.5) as partner:
+    with (
+        StatusLink("a", addresses, loss=0.5) as own,
+        StatusLink("b", addresses, loss=0.5) as partner,
+    ):
         with town(environment=SyncEnvironment(own), tasks=TASKS_OF_TEAMS) as there:
             yield there, own, partner
 

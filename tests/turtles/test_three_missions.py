@@ -1,4 +1,6 @@
-"""The three missions over a network that loses half of what is sent: without processes, for many seeds."""
+"""The three missions over a network that loses half of what is sent: without processes, for many
+seeds.
+"""
 
 from typing import Any, cast
 
@@ -29,7 +31,9 @@ class Recorder:
 class Agent:
     """Plays one mission on a network; how long it is on its way, the seed decides."""
 
-    def __init__(self, name: str, network: LossyNetwork, happened: list[tuple[str, str, Any]]) -> None:
+    def __init__(
+        self, name: str, network: LossyNetwork, happened: list[tuple[str, str, Any]]
+    ) -> None:
         self.name, self.network, self.happened = name, network, happened
         self.table = network.tables[name]
         recorder = Recorder()
@@ -54,7 +58,9 @@ class Agent:
 
     def GoTo(self, goal_x: float, goal_y: float) -> None:  # noqa: N802
         self.happened.append(("left for", self.name, (goal_x, goal_y)))
-        self.network.at(self.network.chance.uniform(0.0, 5.0), lambda: self.arrive((goal_x, goal_y)))
+        self.network.at(
+            self.network.chance.uniform(0.0, 5.0), lambda: self.arrive((goal_x, goal_y))
+        )
 
     def arrive(self, goal: tuple[float, float]) -> None:
         self.happened.append(("came to", self.name, goal))

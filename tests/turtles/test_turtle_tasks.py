@@ -49,7 +49,9 @@ def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
     with town() as there:
         going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
         there.central.advance(1.0)
-        going.update_send(there.server.definitions["GoTo"].parameters(goal_x=6.5, goal_y=8.5, max_velocity=0.5))
+        going.update_send(
+            there.server.definitions["GoTo"].parameters(goal_x=6.5, goal_y=8.5, max_velocity=0.5)
+        )
         there.central.advance(4.0)  # it turns on the spot first
         assert there.pose.linear_velocity == 0.5
         there.until_over(going)
@@ -90,7 +92,9 @@ def test_set_pen_and_constant_draw_a_circle() -> None:
 def test_rotate_may_be_more_than_a_whole_turn() -> None:
     with town(Pose(5.0, 5.0, theta=1.0)) as there:
         there.run("Rotate", angle=-8.0, velocity=2.0)
-        assert math.remainder(there.pose.theta - (1.0 - 8.0), math.tau) == pytest.approx(0.0, abs=0.03)
+        assert math.remainder(there.pose.theta - (1.0 - 8.0), math.tau) == pytest.approx(
+            0.0, abs=0.03
+        )
         assert there.place == (5.0, 5.0)
 
 
@@ -98,14 +102,22 @@ def test_clear_takes_an_argument_that_is_more_than_a_number() -> None:
     with town() as there:
         there.run("Constant", linear=1.0, duration=1.0)
         assert there.world.strokes
-        assert there.run("Clear", header={"frame_id": "Hello"}).text == "got an extra header, frame_id=Hello"
+        assert (
+            there.run("Clear", header={"frame_id": "Hello"}).text
+            == "got an extra header, frame_id=Hello"
+        )
         assert there.world.strokes == []
         assert there.run("Clear").text == ""
 
 
 def test_without_a_simulator_tasks_say_what_is_missing() -> None:
     with LocalCentral() as central:
-        server = TaskServer("turtle", TurtleEnvironment(patience=0.0), folder=TASKS, central=central)
+        server = TaskServer(
+            "turtle", TurtleEnvironment(patience=0.0), folder=TASKS, central=central
+        )
         with server.running(), Mission("turtle", central=central) as mission:
-            with pytest.raises(MissionTaskFailed, match="the turtle has not told where it is: does its simulator run"):
+            with pytest.raises(
+                MissionTaskFailed,
+                match="the turtle has not told where it is: does its simulator run",
+            ):
                 mission.GoTo()

@@ -46,7 +46,9 @@ def test_a_circle_comes_back_to_where_it_began() -> None:
         made.advance(1.0)
     pose = made.turtle("t").pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((5.0, 5.0, 0.0), abs=1e-9)
-    assert max(y for _, y in made.strokes[0].points) == pytest.approx(5.0 + 2 * 8 / math.tau, abs=1e-3)
+    assert max(y for _, y in made.strokes[0].points) == pytest.approx(
+        5.0 + 2 * 8 / math.tau, abs=1e-3
+    )
 
 
 def test_a_turtle_that_hears_no_more_stops() -> None:
@@ -104,7 +106,9 @@ def test_in_whatever_pieces_time_passes_the_lines_are_the_same(
         slices.advance(piece)
     whole.advance(slices.turtle("t").time)
     assert whole.turtle("t").pose == slices.turtle("t").pose
-    assert [stroke.points for stroke in whole.strokes] == [stroke.points for stroke in slices.strokes]
+    assert [stroke.points for stroke in whole.strokes] == [
+        stroke.points for stroke in slices.strokes
+    ]
 
 
 @given(st.lists(st.tuples(st.floats(), st.floats()), max_size=20))
@@ -134,7 +138,10 @@ def test_the_picture_has_a_line_for_each_stroke_and_a_shape_for_each_turtle() ->
     made.command("t", 1.0, 0.0)
     made.advance(1.0)
     svg = draw(Simulator(made).sheet(), "a & b")
-    assert '<polyline class="stroke" points="80.0,536.0 130.0,536.0" stroke="#0102ff" stroke-width="7"/>' in svg
+    assert (
+        '<polyline class="stroke" points="80.0,536.0 130.0,536.0" stroke="#0102ff" stroke-width="7"/>'
+        in svg
+    )
     assert svg.count('class="turtle"') == 2
     assert "&lt;u&gt;" in svg
     assert "a &amp; b" in svg

@@ -1,4 +1,6 @@
-"""A turtle with its simulator and its task server, on a stepped clock: what a second holds is the same in every run."""
+"""A turtle with its simulator and its task server, on a stepped clock: what a second holds is the
+same in every run.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -39,7 +41,9 @@ class Town:
     def start(self, task: str, **parameters: Any) -> SentTask[TaskEnd]:
         """Start a task."""
         definition = self.server.definitions[task]
-        return self.user.command(definition.message, definition.parameters(**parameters), sequential=False)
+        return self.user.command(
+            definition.message, definition.parameters(**parameters), sequential=False
+        )
 
     def run(self, task: str, **parameters: Any) -> TaskEnd:
         """Run a task to its end."""
@@ -57,9 +61,14 @@ class Town:
 
 
 def carry_out(
-    there: Town, mission: Callable[[Mission], Any], at_most: float = 10_000.0, opened: Mission | None = None
+    there: Town,
+    mission: Callable[[Mission], Any],
+    at_most: float = 10_000.0,
+    opened: Mission | None = None,
 ) -> Any:
-    """Carry out a mission, in a thread of its own, and let time pass meanwhile. Returns what it returns."""
+    """Carry out a mission, in a thread of its own, and let time pass meanwhile. Returns what it
+    returns.
+    """
 
     def run() -> Any:
         with opened or Mission("turtle", name="test", central=there.central) as made:
@@ -76,18 +85,29 @@ def carry_out(
 def started(there: Town) -> list[str]:
     """The tasks that were started, in their order."""
     names = [f"{there.server.module.name}.{task}" for task in there.server.definitions]
-    sent = [fact.message for fact in there.central.facts if isinstance(fact, Received) and fact.message in names]
+    sent = [
+        fact.message
+        for fact in there.central.facts
+        if isinstance(fact, Received) and fact.message in names
+    ]
     return [name.partition(".")[2] for name in sent]
 
 
 @contextmanager
 def town(
-    pose: Pose = CENTRE, environment: TurtleEnvironment | None = None, tasks: Sequence[type[ServedTask[Any]]] = ()
+    pose: Pose = CENTRE,
+    environment: TurtleEnvironment | None = None,
+    tasks: Sequence[type[ServedTask[Any]]] = (),
 ) -> Iterator[Town]:
     world = TurtleWorld()
     world.spawn("turtle", pose)
-    with LocalCentral(stepped=True) as central, Simulator(world).module("turtle", central).running():
-        server = TaskServer("turtle", environment or TurtleEnvironment(), tasks, folder=TASKS, central=central)
+    with (
+        LocalCentral(stepped=True) as central,
+        Simulator(world).module("turtle", central).running(),
+    ):
+        server = TaskServer(
+            "turtle", environment or TurtleEnvironment(), tasks, folder=TASKS, central=central
+        )
         with server.running(), connect("test", central) as user:
             central.advance(0.1)  # the turtle has told where it is
             yield Town(central, world, server, user)
@@ -103,7 +123,9 @@ class Enough:
         return len(started(self.there)) >= self.tasks
 
 
-def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Callable[[Mission], None]:
+def bounded(
+    there: Town, tasks: int, endless: Callable[[Mission], object]
+) -> Callable[[Mission], None]:
     """The first tasks of an endless mission; some more may begin before it is ended."""
 
     def carry_out(mission: Mission) -> None:

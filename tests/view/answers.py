@@ -9,7 +9,9 @@ from typing import Any
 
 
 def answer(url: str) -> Any:
-    """The server's answer; it already answers while it reads the journal, so what is not yet known may soon be."""
+    """The server's answer; it already answers while it reads the journal, so what is not yet known
+    may soon be.
+    """
     deadline = time.monotonic() + 20
     while True:
         try:

@@ -16,7 +16,9 @@ from tca_tools.journal.journals import Log, open_log
 from tca_tools.view.app import Steering, application
 from tca_tools.view.runs import Runs
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds
 
 expect.set_options(timeout=SOON)
@@ -25,7 +27,9 @@ Look = Callable[..., Page]
 
 
 def until(page: Page, holds: str, arg: object = None) -> None:
-    """Waits for what JavaScript says. Playwright's own wait evaluates in the page, which the page's policy forbids."""
+    """Waits for what JavaScript says. Playwright's own wait evaluates in the page, which the page's
+    policy forbids.
+    """
     end = time.monotonic() + SOON / 1000
     while not page.evaluate(holds, arg):
         assert time.monotonic() < end, holds
@@ -75,12 +79,19 @@ def serve() -> Iterator[Callable[..., str]]:
         )
 
 
-@pytest.fixture(scope="package")  # while it is open an event loop runs, in which other tests could not
+@pytest.fixture(
+    scope="package"
+)  # while it is open an event loop runs, in which other tests could not
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no Chromium here: install the package 'chromium'")
     with sync_playwright() as playwright:
-        options = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--in-process-gpu"]
+        options = [
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-background-networking",
+            "--in-process-gpu",
+        ]
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
         yield browser
         browser.close()
@@ -94,7 +105,8 @@ def window(browser: Browser) -> BrowserContext:
 
 @pytest.fixture
 def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str]) -> Iterator[Look]:
-    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be fetched from elsewhere.
+    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be
+    fetched from elsewhere.
 
     There is one page at a time. With ``clock=True`` time passes in it only with ``page.clock``.
     """
@@ -123,9 +135,13 @@ def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str])
         notes = {
             "pageerror": lambda error: wrong.append(str(error)),
             "console": lambda line: (
-                wrong.append(line.text) if line.type == "error" and "(Forbidden)" not in line.text else None
+                wrong.append(line.text)
+                if line.type == "error" and "(Forbidden)" not in line.text
+                else None
             ),  # what is refused, the page says itself
-            "request": lambda asked: None if asked.url.startswith(tuple(addresses)) else wrong.append(asked.url),
+            "request": lambda asked: (
+                None if asked.url.startswith(tuple(addresses)) else wrong.append(asked.url)
+            ),
         }
         yield open_page
     assert not wrong

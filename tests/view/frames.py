@@ -8,6 +8,8 @@ def parsed(frame: bytes) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """A frame, and its columns by table and name."""
     told = json.loads(frame)
     columns = {
-        f"{table}.{key.split(':')[0]}": values for table, some in told["tables"].items() for key, values in some.items()
+        f"{table}.{key.split(':')[0]}": values
+        for table, some in told["tables"].items()
+        for key, values in some.items()
     }
     return told, columns

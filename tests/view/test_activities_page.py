@@ -1,4 +1,6 @@
-"""The page of an application: what it shows, and what can be done with it by mouse and by keyboard."""
+"""The page of an application: what it shows, and what can be done with it by mouse and by
+keyboard.
+"""
 
 import json
 import socket
@@ -66,7 +68,9 @@ def town() -> Iterator[Town]:
         robot.enter_context(module.running())
         robot.enter_context(application.running())
         live, key = LiveApplication("robot", central), PageKey("tca activities")
-        server = uvicorn.Server(uvicorn.Config(served_application(live, ["127.0.0.1"], key), log_level="warning"))
+        server = uvicorn.Server(
+            uvicorn.Config(served_application(live, ["127.0.0.1"], key), log_level="warning")
+        )
         with live.running(), socket.create_server(("127.0.0.1", 0)) as door:
             thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
             thread.start()
@@ -79,12 +83,17 @@ def town() -> Iterator[Town]:
                 thread.join()
 
 
-PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 2 1"><rect width="2" height="1"/></svg>'
+PICTURE = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 2 1"><rect width="2" height="1"/></svg>'
+)
 ROW = ".processor[data-processor='{}'] .activity[data-activity='{}']"
 
 
 def allocated(town: Town) -> dict[str, list[str]]:
-    return {one.name: [each.name for each in one.activities] for one in town.application.allocation().processors}
+    return {
+        one.name: [each.name for each in one.activities]
+        for one in town.application.allocation().processors
+    }
 
 
 def test_an_application_is_seen_and_changed_while_it_runs(town: Town, look: Look) -> None:
@@ -93,9 +102,13 @@ def test_an_application_is_seen_and_changed_while_it_runs(town: Town, look: Look
     expect(page.locator("#name")).to_have_text("robot")
     assert town.key not in page.url
     assert page.locator("#picture").evaluate("image => image.naturalWidth") > 0
-    expect(page.locator(".state.active")).to_have_text(["inside", "unreferenced", "disabled", "stopped"])
+    expect(page.locator(".state.active")).to_have_text(
+        ["inside", "unreferenced", "disabled", "stopped"]
+    )
     page.get_by_role("button", name="enable").click()
-    expect(page.locator(".state.active")).to_have_text(["inside", "unreferenced", "enabled", "stopped"])
+    expect(page.locator(".state.active")).to_have_text(
+        ["inside", "unreferenced", "enabled", "stopped"]
+    )
     expect(page.locator("#said")).to_have_text("tell joint: done")
     page.get_by_label("speed").fill("0.25")
     page.get_by_role("button", name="speed").click()
@@ -103,16 +116,22 @@ def test_an_application_is_seen_and_changed_while_it_runs(town: Town, look: Look
     assert town.speeds.get(timeout=60) == 0.25
 
     fast, slow = "x.movement.fast", "x.movement.slow"
-    page.locator(f".activity[data-activity='{fast}']").drag_to(page.locator("[data-processor='new processor'] .head"))
+    page.locator(f".activity[data-activity='{fast}']").drag_to(
+        page.locator("[data-processor='new processor'] .head")
+    )
     expect(page.locator(ROW.format("processor 1", fast))).to_be_visible()
-    page.locator(f".activity[data-activity='{slow}']").drag_to(page.locator(ROW.format("processor 1", fast)))
+    page.locator(f".activity[data-activity='{slow}']").drag_to(
+        page.locator(ROW.format("processor 1", fast))
+    )
     expect(page.locator(ROW.format("processor 1", slow))).to_be_visible()
     assert allocated(town)["processor 1"] == [slow, fast]
     expect(page.locator("#policy")).to_have_value("by hand")
     by_keyboard(page, town, slow, fast)
 
     page.locator("#policy").select_option("one_each")
-    expect(page.locator(".processor:not(.place)")).to_have_count(len(town.application.activity_names))
+    expect(page.locator(".processor:not(.place)")).to_have_count(
+        len(town.application.activity_names)
+    )
     page.get_by_label(f"period of {fast}, in milliseconds").fill("50")
     page.get_by_label(f"period of {fast}, in milliseconds").press("Enter")
     expect(page.locator("#said")).to_have_text("set period in robot: done")
@@ -126,7 +145,9 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     """The arrows and letters of the help."""
     page.locator(ROW.format("processor 1", slow)).focus()
     page.keyboard.press("Alt+ArrowDown")
-    expect(page.locator("[data-processor='processor 1'] .activity .name")).to_have_text([fast, slow])
+    expect(page.locator("[data-processor='processor 1'] .activity .name")).to_have_text(
+        [fast, slow]
+    )
     expect(page.locator(ROW.format("processor 1", slow))).to_be_focused()
     page.keyboard.press("ArrowUp")
     expect(page.locator(ROW.format("processor 1", fast))).to_be_focused()
@@ -136,7 +157,9 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     expect(page.locator(ROW.format("on no processor", fast))).to_be_focused()
     assert [one.name for one in town.application.allocation().unallocated] == [fast]
     page.keyboard.press("ArrowLeft")
-    expect(page.locator(".processor:not(.place) .activity:focus")).to_have_attribute("data-activity", fast)
+    expect(page.locator(".processor:not(.place) .activity:focus")).to_have_attribute(
+        "data-activity", fast
+    )
 
 
 def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look: Look) -> None:
@@ -152,13 +175,17 @@ def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look
         )
         town.application.allocate({"processor 1": fast, "processor 2": slow})
         expect(page.locator("#verdict.bad")).to_have_text("refuted by measurement")
-        expect(page.locator("[data-processor='processor 2'] .verdict.bad")).to_contain_text("refuted by measurement: ")
+        expect(page.locator("[data-processor='processor 2'] .verdict.bad")).to_contain_text(
+            "refuted by measurement: "
+        )
     finally:
         hung.set()
 
 
 @pytest.mark.soak
-def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(town: Town, look: Look, window: BrowserContext) -> None:
+def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(
+    town: Town, look: Look, window: BrowserContext
+) -> None:
     page = look(town.address, f"?key={town.key}")
     second = window.new_page()
     try:
@@ -176,7 +203,9 @@ def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(town: Town, look
         expect(second.locator("#status")).to_have_text("running")
         town.robot.close()
         for one in (page, second):
-            expect(one.locator("#problem")).to_contain_text("module 'robot', which manages 'robot', is not connected")
+            expect(one.locator("#problem")).to_contain_text(
+                "module 'robot', which manages 'robot', is not connected"
+            )
             expect(one.locator("#status")).to_have_text("lost")
         expect(page.get_by_role("button", name="enable")).to_be_disabled()
     finally:

@@ -1,4 +1,6 @@
-"""What is waited for in the end, on the page: on every row, in the pane, and in the head for all tasks together."""
+"""What is waited for in the end, on the page: on every row, in the pane, and in the head for all
+tasks together.
+"""
 
 import re
 from pathlib import Path
@@ -16,11 +18,15 @@ pytestmark = pytest.mark.slow
 END = "in the end for calibrate {3}, which no module handles"
 
 
-def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_that(look: Look, tmp_path: Path) -> None:
+def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_that(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
-    expect(why[1]).to_have_text(f"until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}")
+    expect(why[1]).to_have_text(
+        f"until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}"
+    )
     expect(why[2]).to_have_text(f"until calibrate {{3}} is achieved, for 3 s; {END}")
     expect(why[3]).to_have_text("for a module that handles calibrate, for 3 s")
     expect(why[6]).to_have_text(f"until drill {{5}} is achieved, for 3 s; {END}")
@@ -47,7 +53,9 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     second, third = (page.locator(f".row[data-task='{number}'] .why") for number in (2, 3))
     causes = page.locator("#causes")
     expect(second).to_contain_text("until lift {1} is achieved")
-    expect(third).to_contain_text("until lift {2} is achieved, for 500 ms; in the end for lift {1}, which arm handles")
+    expect(third).to_contain_text(
+        "until lift {2} is achieved, for 500 ms; in the end for lift {1}, which arm handles"
+    )
     expect(causes).to_have_text("2 wait for 1 thing:lift {1}, which arm handles")
     page.route("**/api/notes*", lambda _: None)  # no answer comes for a while
     page.keyboard.press("End")
@@ -81,24 +89,36 @@ def chain(number: int) -> Story:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("many", [3_000, pytest.param(20_000, marks=pytest.mark.soak)])
-def test_very_many_that_wait_one_for_the_other_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
+def test_very_many_that_wait_one_for_the_other_are_told_what_for(
+    look: Look, tmp_path: Path, many: int
+) -> None:
     page = look(chain(many).write(tmp_path / "many"), f"#task={many + 1}")
     for key in ("End", "ArrowLeft", "End"):
         page.keyboard.press(key)
-        expect(page.locator("#causes")).to_have_text(f"{many:,} wait for 1 thing:lift {{1}}, which arm handles")
-    expect(page.locator("#task .lead.end")).to_have_text("in the end for lift {1}, which arm handles")
+        expect(page.locator("#causes")).to_have_text(
+            f"{many:,} wait for 1 thing:lift {{1}}, which arm handles"
+        )
+    expect(page.locator("#task .lead.end")).to_have_text(
+        "in the end for lift {1}, which arm handles"
+    )
     assert page.evaluate(ASKED) == many
 
 
-ASKED = "() => fetch('api/causes?at=1').then((answer) => answer.json()).then(({ waiting }) => waiting)"
+ASKED = (
+    "() => fetch('api/causes?at=1').then((answer) => answer.json()).then(({ waiting }) => waiting)"
+)
 
 
 @pytest.mark.soak
-def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look: Look, tmp_path: Path) -> None:
+def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().at(1.0)
     one, two = story.command("one", "user"), story.command("two", "user")
     story.queued(one).queued(two).at(2.0)
-    story.command("three", "user", 0, *(sequential_achievement(TaskId(first), THIS) for first in (one, two)))
+    story.command(
+        "three", "user", 0, *(sequential_achievement(TaskId(first), THIS) for first in (one, two))
+    )
     head = look(story.at(3.0).write(tmp_path / "together")).locator("#causes span").first
     expect(head).to_have_text("3 wait for 2 things:")
     expect(head).to_have_attribute("title", "a task that waits for several things counts for each")
@@ -109,7 +129,9 @@ def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     why = page.locator(".row[data-task='2'] .why")
     expect(why).to_contain_text("until 3 s after ring bell {1} is achieved")
     expect(why).to_contain_text("until 500.250 s")
-    expect(page.locator("#task .lead").first).to_contain_text("waits until 3 s after ring bell {1} is achieved")
+    expect(page.locator("#task .lead").first).to_contain_text(
+        "waits until 3 s after ring bell {1} is achieved"
+    )
     expect(page.locator("#task table")).to_contain_text(
         ["", "start achieving not before 3 s after ring bell {1} end achieving"]
     )

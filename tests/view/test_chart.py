@@ -41,14 +41,18 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     expect(below).to_be_hidden()
     assert page.evaluate(labels)[-3:] == ["module 39", "(suspended)", "(no handler)"]
     page.evaluate("tca.chart.scroll = 0; tca.chart.draw()")
-    page.locator(".row[data-task='3']").click()  # the chart goes to the bar of a task that is chosen
+    page.locator(
+        ".row[data-task='3']"
+    ).click()  # the chart goes to the bar of a task that is chosen
     assert "module 39" in page.evaluate(labels)
     page.set_viewport_size({"width": 1400, "height": 3000})
     expect(page.locator("#chart-bar")).to_be_hidden()
     assert page.evaluate(labels)[0] == "module 0"
 
 
-def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(look: Look, tmp_path: Path) -> None:
+def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(made("bakery").write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
     order = ["oven / chamber", "oven / meter", "store / phone"]
@@ -58,10 +62,17 @@ def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_roo
     assert [row.label for row in chart(made("bakery").fold()).rows] == shown
     place = "tca.chart.layout.find((one) => one.row.label === '(suspended)')"
     assert page.evaluate(f"{place}.row.queued.length") == 10
-    assert page.evaluate(f"{place}.bottom - {place}.top") < 50  # pixels: two of them, and how many there are
+    assert (
+        page.evaluate(f"{place}.bottom - {place}.top") < 50
+    )  # pixels: two of them, and how many there are
     page.set_viewport_size({"width": 700, "height": 500})
     until(page, "() => tca.chart.width < 700")
-    assert page.evaluate("tca.chart.layout.filter(({ bottom }) => bottom <= tca.chart.height)[0].row.module") == "oven"
+    assert (
+        page.evaluate(
+            "tca.chart.layout.filter(({ bottom }) => bottom <= tca.chart.height)[0].row.module"
+        )
+        == "oven"
+    )
 
 
 LOOKS = """([time, before]) => {
@@ -75,7 +86,9 @@ LOOKS = """([time, before]) => {
 
 
 @pytest.mark.soak
-def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(look: Look, tmp_path: Path) -> None:
+def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("legs", "walk").at(1.0)
     for outcome in (Outcome.DONE, Outcome.KILLED):
         task = story.command("walk", "user")
@@ -89,7 +102,9 @@ def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(lo
     until(page, "tca.chart.time === 2")
     now, to_come = (page.evaluate(LOOKS, [time, 0]) for time in (1.9, 2.9))
     assert now != to_come
-    page.evaluate("Object.assign(tca.chart, { from: 2.5, to: 3.5 })")  # also where nothing else is seen
+    page.evaluate(
+        "Object.assign(tca.chart, { from: 2.5, to: 3.5 })"
+    )  # also where nothing else is seen
     assert page.evaluate(LOOKS, [2.9, 0]) == to_come
 
 
@@ -102,7 +117,10 @@ def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: P
     page = look(story.say(facts.Closed("done")).write(tmp_path / "still"))
     expect(page.locator("#counts")).to_be_attached()
     for lane, (time, told) in enumerate(
-        {1.5: "mop {1} suspended by the command 'tca suspend': ", 3.0: "dust {2} suspended: "}.items()
+        {
+            1.5: "mop {1} suspended by the command 'tca suspend': ",
+            3.0: "dust {2} suspended: ",
+        }.items()
     ):
         x, y = page.evaluate(
             """([time, lane]) => {
@@ -138,12 +156,18 @@ def test_times_are_said_as_elsewhere(look: Look, tmp_path: Path) -> None:
     assert page.evaluate(said, lengths) == [*told]
 
 
-def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, tmp_path: Path) -> None:
+def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("legs", "hold the arm", "ask the eyes").at(1.0)
     for name, wait in (("hold the arm", 0.0), ("ask the eyes", 9.0)):
         task = story.command(name, "user")
-        story.delivered(task, "legs").say(facts.Claimed(task + 90, "eyes", "eyes", False, "legs", task))
-        story.at(story.entries[-1].time + wait).say(facts.Granted(task + 90)).at(story.entries[-1].time + 10 - wait)
+        story.delivered(task, "legs").say(
+            facts.Claimed(task + 90, "eyes", "eyes", False, "legs", task)
+        )
+        story.at(story.entries[-1].time + wait).say(facts.Granted(task + 90)).at(
+            story.entries[-1].time + 10 - wait
+        )
         story.returned(task)
     page = look(story.write(tmp_path / "names"))
     expect(page.locator("#counts")).to_be_attached()
@@ -155,7 +179,9 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
 
 @pytest.mark.soak
 def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) -> None:
-    page = look(Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
+    page = look(
+        Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new")
+    )
     expect(page.locator("#counts")).to_be_attached()
     until(page, "tca.chart.layout.length === 2")
     start, end = page.evaluate("[tca.store.start, tca.store.end]")
@@ -171,7 +197,9 @@ def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) 
 
 
 @pytest.mark.soak
-def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(look: Look, tmp_path: Path) -> None:
+def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")
     assert page.evaluate(f"({_OF_NOBODY}).step") > 10

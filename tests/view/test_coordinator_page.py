@@ -46,12 +46,18 @@ def test_the_machine_shows_what_it_foresees_at_any_moment(look: Look, delivery: 
 def test_the_tree_marks_what_ran_ahead_as_known_at_the_moment(look: Look, delivery: Path) -> None:
     page = look(delivery, "#t=1&task=2")
     marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
-    for moment, expected in ((1, "ahead"), (3, "ahead, wasted; ahead"), (20, "ahead, wasted; ahead, kept")):
+    for moment, expected in (
+        (1, "ahead"),
+        (3, "ahead, wasted; ahead"),
+        (20, "ahead, wasted; ahead, kept"),
+    ):
         page.evaluate("(time) => { location.hash = `#t=${time}&task=2`; }", moment)
         until(page, marks, expected)
 
 
-def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], delivery: Path) -> None:
+def test_the_server_tells_which_states_are_likely(
+    serve: Callable[[Path], str], delivery: Path
+) -> None:
     address = serve(delivery)
 
     def asked(moment: float) -> Any:

@@ -1,4 +1,6 @@
-"""A journal that is damaged while the page follows it: the page says so at once, and shows what there is."""
+"""A journal that is damaged while the page follows it: the page says so at once, and shows what
+there is.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -41,24 +43,34 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes_and_also_if_no
         expect(page.locator("#problem")).to_be_hidden()
         with (run / "00000001.tcaj").open("ab") as segment:
             segment.write(damaged(first) + second)
-        expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
+        expect(page.locator("#problem")).to_contain_text(
+            "after 4.000 s: a damaged entry is left out"
+        )
         expect(page.locator(".row").last).to_contain_text("swim")
         expect(page.locator("#status")).to_have_text("live")
         with (run / "00000001.tcaj").open("ab") as segment:
             segment.write(damaged(third))
-        expect(page.locator("#problem")).to_contain_text(f"cut off, the last {len(third)} bytes are no whole entry")
+        expect(page.locator("#problem")).to_contain_text(
+            f"cut off, the last {len(third)} bytes are no whole entry"
+        )
         expect(page.locator("#status")).to_have_text("live")
         with (run / "00000001.tcaj").open("ab") as segment:
             segment.write(fourth)
-        expect(page.locator("#problem")).to_contain_text("after 4.000 s: 2 damaged entries are left out")
+        expect(page.locator("#problem")).to_contain_text(
+            "after 4.000 s: 2 damaged entries are left out"
+        )
         expect(page.locator(".row").last).to_contain_text("rest")
 
 
-def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(look: Look, tmp_path: Path) -> None:
+def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(
+    look: Look, tmp_path: Path
+) -> None:
     story = walking()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")
     page = look(story.write(tmp_path / "run"))
-    expect(page.locator("#problem")).to_contain_text(f"({JOURNAL_VERSION + 1}; this one reads up to {JOURNAL_VERSION})")
+    expect(page.locator("#problem")).to_contain_text(
+        f"({JOURNAL_VERSION + 1}; this one reads up to {JOURNAL_VERSION})"
+    )
     expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 
 
@@ -140,7 +152,9 @@ def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
     expect(page.locator(".row").last).to_contain_text("swim")
 
 
-def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(look: Look, tmp_path: Path) -> None:
+def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(
+    look: Look, tmp_path: Path
+) -> None:
     run = walking().write(tmp_path / "run")
     page = look(run, clock=True)
     cut_short(run)
@@ -162,7 +176,9 @@ def test_of_another_run_in_its_place_the_page_says_nothing(
     shutil.rmtree(run)
     expect(page.locator("#status")).to_have_text("damaged")
     other = stumbling()
-    other.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0")
+    other.entries[0].facts[0] = facts.Opened(
+        JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0"
+    )
     other.write(run)
     page.reload()
     expect(page.locator("#status")).to_have_text("damaged")

@@ -44,10 +44,17 @@ class Page:
         for name, added in columns.items():
             table, _, column = name.partition(".")
             is_text = f"{column}:t" in TABLES[table].split()
-            self.columns.setdefault(name, []).extend(self.texts[one] if is_text else one for one in added)
+            self.columns.setdefault(name, []).extend(
+                self.texts[one] if is_text else one for one in added
+            )
 
     def table(self, name: str) -> list[tuple[Any, ...]]:
-        return list(zip(*(column for full, column in self.columns.items() if full.startswith(f"{name}.")), strict=True))
+        return list(
+            zip(
+                *(column for full, column in self.columns.items() if full.startswith(f"{name}.")),
+                strict=True,
+            )
+        )
 
     def states(self, time: float) -> dict[int, str]:
         return {task: state for task, since, state in self.table("state") if since <= time}
@@ -73,7 +80,9 @@ class FedPlayer(Player):
 
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=40)
-def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
+def test_a_page_that_follows_knows_what_the_history_knows(
+    operations: list[tuple[str, int, int, int, int]],
+) -> None:
     player = FedPlayer()
     life = Life(player)
     for name, *numbers in operations:
@@ -87,9 +96,13 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert told == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
-            task.id: WATCHING if task.watches else task.state for task in RunAt(history, time).tasks.values()
+            task.id: WATCHING if task.watches else task.state
+            for task in RunAt(history, time).tasks.values()
         }
-    spans, ends = page.table("span"), {span: (time, outcome) for span, time, outcome in page.table("end")}
+    spans, ends = (
+        page.table("span"),
+        {span: (time, outcome) for span, time, outcome in page.table("end")},
+    )
     assert len(ends) == len(page.table("end"))
     handled = [
         (message, start, *ends.get(number, (None, "")))
@@ -100,11 +113,15 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert sorted(handled, key=str) == sorted(known, key=str)
     queued = sum(kind == SpanKind.QUEUED for _, kind, *_ in spans)
     assert queued == len(history.queueings)
-    assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(map(len, history.grants.values()))
+    assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(
+        map(len, history.grants.values())
+    )
     assert_lanes(spans, ends)
     assert_verdicts(page, history, player.entries)
     assert_traffic(page, history)
-    tops = [one for one in history.tasks.values() if not one.parent and not one.message_class.is_monitor]
+    tops = [
+        one for one in history.tasks.values() if not one.parent and not one.message_class.is_monitor
+    ]
     ended = [one.state if one.state in OVER else TaskState.ACHIEVING for one in tops]
     assert outcome_of(player.entries).top == Counter(ended)
     whole = Page()
@@ -155,15 +172,28 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
         message, time, *_ = failures[row]
         if message in history.messages:
             assert is_good == went_on(history, history.messages[message], time, turn)
-            assert is_good != (turn > time and went_on(history, history.messages[message], time, nextafter(turn, 0.0)))
-    told = {(message, time, last.get(row, 0)) for row, (message, time, *_) in enumerate(page.table("failure"))}
-    raised = {(entry.time, fact.id) for entry in entries for fact in entry.facts if isinstance(fact, facts.Failed)}
+            assert is_good != (
+                turn > time
+                and went_on(history, history.messages[message], time, nextafter(turn, 0.0))
+            )
+    told = {
+        (message, time, last.get(row, 0))
+        for row, (message, time, *_) in enumerate(page.table("failure"))
+    }
+    raised = {
+        (entry.time, fact.id)
+        for entry in entries
+        for fact in entry.facts
+        if isinstance(fact, facts.Failed)
+    }
     assert len(raised) <= len(page.table("failure"))
     for message, time, is_good in told:
         if message in history.messages:
             assert is_good == went_on(history, history.messages[message], time)
     ended = [
-        (row, span) for row, (*_, span, is_beside) in enumerate(page.table("failure")) if span >= 0 and not is_beside
+        (row, span)
+        for row, (*_, span, is_beside) in enumerate(page.table("failure"))
+        if span >= 0 and not is_beside
     ]
     spans = {span: last.get(row, 0) for row, span in ended}
     bad = [run for run in history.handlings if run.outcome is Outcome.FAILED]
@@ -188,19 +218,30 @@ def test_the_columns_of_a_walk() -> None:
     (wait,) = [row for row in page.table("span") if row[1] == SpanKind.WAITING and row[3] == 5]
     assert page.table("span")[wait[4]][2] == "take steps"  # within whose handling it lies
     holds = {(task, before, kind) for task, before, kind, _ in page.table("hold")}
-    assert {(3, 2, "SEQ"), (4, 3, "SEQ"), (4, 3, "plan ahead"), (7, 6, "SEQ"), (10, 9, "SEQ")} == holds
+    assert {
+        (3, 2, "SEQ"),
+        (4, 3, "SEQ"),
+        (4, 3, "plan ahead"),
+        (7, 6, "SEQ"),
+        (10, 9, "SEQ"),
+    } == holds
 
 
 def test_a_module_that_handled_nothing_has_a_row() -> None:
     story = Story().module("user").module("lamp", "shine", resource="bulb").at(1.0)
-    story.say(facts.ModuleLeft("lamp", "its process ended")).at(2.0).module("lamp", "shine", resource="bulb")
+    story.say(facts.ModuleLeft("lamp", "its process ended")).at(2.0).module(
+        "lamp", "shine", resource="bulb"
+    )
     feed, page = Feed(), Page()
     for entry in story.entries:
         feed.apply(entry)
     page.take(feed)
     rows = [label for label, _ in page.table("row")]
     spans = [(rows[row], kind, start) for row, kind, *_, start in page.table("span")]
-    assert spans == [("lamp / bulb", SpanKind.CONNECTED, 0.0), ("lamp / bulb", SpanKind.CONNECTED, 2.0)]
+    assert spans == [
+        ("lamp / bulb", SpanKind.CONNECTED, 0.0),
+        ("lamp / bulb", SpanKind.CONNECTED, 2.0),
+    ]
     assert page.table("end") == [(0, 1.0, "")]
 
 
@@ -233,7 +274,9 @@ def test_nothing_new_is_an_empty_frame() -> None:
 def test_each_failure_is_told_with_its_message() -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
-    story.say(facts.Delivered(77, move, "legs", "legs")).at(2.0).say(facts.Failed(77, "lost", "its module left"))
+    story.say(facts.Delivered(77, move, "legs", "legs")).at(2.0).say(
+        facts.Failed(77, "lost", "its module left")
+    )
     story.at(3.0).say(facts.Failed(move, "slip", ""), facts.Failed(99, "nobody knows", ""))
     feed, page = Feed(), Page()
     for entry in story.entries:
@@ -249,7 +292,9 @@ def test_each_failure_is_told_with_its_message() -> None:
 def test_messages_have_the_colours_of_other_charts() -> None:
     story = walking()
     story.at(4.0).say(
-        facts.HandledDirectly("height", "perception", "perception", "gait planner", 0, 8, 4.0, 0.1, Outcome.DONE, "")
+        facts.HandledDirectly(
+            "height", "perception", "perception", "gait planner", 0, 8, 4.0, 0.1, Outcome.DONE, ""
+        )
     )
     feed = Feed()
     for entry in story.entries:
@@ -259,8 +304,12 @@ def test_messages_have_the_colours_of_other_charts() -> None:
     assert feed.colours() == {name: dark(number) for number, name in enumerate(names)}
 
 
-def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's end for one of each."""
+def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's
+    end for one of each.
+    """
     asked: list[float] = []
 
     def counted(run: History, failed: Failing, time: float) -> bool:

@@ -1,4 +1,6 @@
-"""The tree goes where the reader does: to what he chose, to what is current at a time, and nowhere against his will."""
+"""The tree goes where the reader does: to what he chose, to what is current at a time, and nowhere
+against his will.
+"""
 
 import re
 from pathlib import Path
@@ -97,7 +99,9 @@ def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_p
     story = Story().module("eyes", "look").at(1.0)
     move = story.command("move", "user")
     query = story.at(2.0).received("look", MessageClass.QUERY, "user")
-    story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED).say(facts.Failed(query, "blind", ""))
+    story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED).say(
+        facts.Failed(query, "blind", "")
+    )
     page = look(story.write(tmp_path / "blind"), f"#t=2.5&task={move}")
     expect(chosen(page)).to_have_count(1)
     page.keyboard.press("]")
@@ -106,7 +110,9 @@ def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_p
 
 
 @pytest.mark.soak
-def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_scrolls(look: Look, walk: Path) -> None:
+def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_scrolls(
+    look: Look, walk: Path
+) -> None:
     page = look(walk)
     who_scrolls_is_left_alone_until_he_asks(page)
     for share in (0.5, 0.999):
@@ -116,7 +122,9 @@ def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_s
         assert step > 10  # far below what a window has
         expect(page.locator(f".row[data-task='{first_number(step)}']")).to_be_in_viewport()
     address, task = page.url.split("#")[0], first_number(30) + 2
-    page.evaluate(f"location.assign('{address}#t=302.2&task={task}')")  # pasted into the page that is open
+    page.evaluate(
+        f"location.assign('{address}#t=302.2&task={task}')"
+    )  # pasted into the page that is open
     expect(page.locator("#clock")).to_have_text("302.200 s")
     expect(chosen(page)).to_have_attribute("data-task", str(task))
     expect(chosen(page)).to_be_in_viewport()
@@ -141,7 +149,9 @@ def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
     page.locator("#speed").select_option("100")
     page.locator("#play").click()
     page.locator("#rows").hover()
-    while page.evaluate("tca.tree.keepsUp || tca.tree.scroller.scrollTop"):  # rows that come meanwhile move him a bit
+    while page.evaluate(
+        "tca.tree.keepsUp || tca.tree.scroller.scrollTop"
+    ):  # rows that come meanwhile move him a bit
         page.mouse.wheel(0, -100_000)
     expect(page.locator("#play")).to_have_text("▶")  # until the end, which he sees there
     expect(first).to_be_in_viewport()
@@ -162,7 +172,9 @@ def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path
 
 
 @pytest.mark.soak
-def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(look: Look, tmp_path: Path) -> None:
+def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("planner", "day", "visit").module("legs", "move").at(1.0)
     day = story.goal("day", "user")
     story.delivered(day, "planner").reached(day, Moment.START_ACHIEVING)

@@ -18,9 +18,13 @@ ROOM = "document.querySelector('main').getBoundingClientRect().left + document.q
 IS_FITTED = f"() => Math.abs({EDGE} - ({ROOM})) < 1"
 
 
-def test_the_chart_opens_as_wide_as_the_window_and_is_zoomed_from_there(browser: Browser, tmp_path: Path) -> None:
+def test_the_chart_opens_as_wide_as_the_window_and_is_zoomed_from_there(
+    browser: Browser, tmp_path: Path
+) -> None:
     page_file = tmp_path / "run.html"
-    result = CliRunner().invoke(gantt, [str(long_walk().write(tmp_path / "run")), "-o", str(page_file)])
+    result = CliRunner().invoke(
+        gantt, [str(long_walk().write(tmp_path / "run")), "-o", str(page_file)]
+    )
     assert result.exit_code == 0
     for width in (900, 2200):
         page = browser.new_page(viewport={"width": width, "height": 700})
@@ -49,7 +53,12 @@ def test_the_labels_of_the_axis_are_whole_at_its_edges(browser: Browser, tmp_pat
     walk = story.goal("walk", "user")
     run = story.delivered(walk, "legs").at(160.0).returned(walk).write(tmp_path / "run")
     page_file = tmp_path / "run.html"
-    assert CliRunner().invoke(gantt, [str(run), "--from", "0", "--to", "160", "-o", str(page_file)]).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(gantt, [str(run), "--from", "0", "--to", "160", "-o", str(page_file)])
+        .exit_code
+        == 0
+    )
     for width in (900, 2000):
         page = browser.new_page(viewport={"width": width, "height": 700})
         page.goto(page_file.as_uri())
@@ -70,9 +79,16 @@ def test_a_bar_that_fills_the_window_has_its_name(browser: Browser, tmp_path: Pa
     """A walk of three minutes, of which eight seconds in the middle are seen, then its end."""
     story = Story().module("legs", "walk").module("eyes", "look").at(10.0)
     walk, look = story.goal("walk", "user"), story.goal("look", "user")
-    story.delivered(walk, "legs").at(20.0).delivered(look, "eyes").at(40.0).returned(look).at(190.0).returned(walk)
+    story.delivered(walk, "legs").at(20.0).delivered(look, "eyes").at(40.0).returned(look).at(
+        190.0
+    ).returned(walk)
     page_file = tmp_path / "run.html"
-    assert CliRunner().invoke(gantt, [str(story.write(tmp_path / "run")), "-o", str(page_file)]).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(gantt, [str(story.write(tmp_path / "run")), "-o", str(page_file)])
+        .exit_code
+        == 0
+    )
     page = browser.new_page(viewport={"width": 1000, "height": 700})
     page.goto(page_file.as_uri())
     name = page.locator("text.on", has_text="walk")

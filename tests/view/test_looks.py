@@ -1,4 +1,6 @@
-"""Small things that a reader of the page sees at once: where it opens, columns that stand still, names that can be read."""
+"""Small things that a reader of the page sees at once: where it opens, columns that stand still,
+names that can be read.
+"""
 
 import re
 from pathlib import Path
@@ -78,7 +80,9 @@ def leaves_the_labels_of_the_axis_free(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(look: Look, tmp_path: Path) -> None:
+def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("planner", "day", "walk").module("legs", "move").at(1.0)
     top = story.goal("day", "user", to="planner", begins=True)
     for _ in range(8):
@@ -90,23 +94,31 @@ def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(look: Look, tm
     story.returned(top).reached(top, Moment.END_PLANNING, Moment.END_ACHIEVING)
     page = look(story.say(facts.Closed("done")).write(tmp_path / "day"))
     until(page, "tca.tree.rows.length > 1")
-    shown, room = page.evaluate("[tca.tree.rows.length, Math.floor(tca.tree.scroller.clientHeight / 24)]")
+    shown, room = page.evaluate(
+        "[tca.tree.rows.length, Math.floor(tca.tree.scroller.clientHeight / 24)]"
+    )
     assert room - 8 < shown <= room
     expect(page.locator(".row[data-task='3']")).to_be_visible()  # a move of the first walk
 
 
 @pytest.mark.soak
-def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(look: Look, tmp_path: Path) -> None:
+def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("legs", "walk", "move").at(1.0)
     walk = story.goal("walk", "user", to="legs", begins=True)
     move = story.command("move", "legs", walk, to="legs")
-    story.at(2.0).returned(move, Outcome.FAILED, data={"leg": 4}).say(facts.Failed(move, "stuck", ""))
+    story.at(2.0).returned(move, Outcome.FAILED, data={"leg": 4}).say(
+        facts.Failed(move, "stuck", "")
+    )
     for task in (move, walk):
         why = "failure 'stuck' of move {2} was not handled"
         story.say(facts.Killed(TaskId(task), why, failed=TaskId(move))).reached(task, *Moment)
     page = look(story.at(3.0).write(tmp_path / "stuck"), f"#task={move}")
     expect(page.locator(f".row[data-task='{move}'] .why")).to_have_text('failed: stuck {"leg": 4}')
-    expect(page.locator("#task .lead")).to_have_text(["stuck", "killed: no exception handler handled that"])
+    expect(page.locator("#task .lead")).to_have_text(
+        ["stuck", "killed: no exception handler handled that"]
+    )
     page.locator("#search").fill("stuck")  # what failed comes before what was killed for it
     assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == [move, walk]
     page.keyboard.press("Escape")
@@ -136,7 +148,10 @@ def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_column
     page.locator("#last").select_option("5")
     page.keyboard.press("End")
     until(page, f"String({window}) === '36,41'")
-    for task in (3, 4):  # the one began at 3, and when the chart is there the other is in sight, too
+    for task in (
+        3,
+        4,
+    ):  # the one began at 3, and when the chart is there the other is in sight, too
         page.locator("#search").fill(str(task))
         page.keyboard.press("Enter")
     expect(page.locator("#task h2")).to_have_text("move {4}")
@@ -147,9 +162,7 @@ def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_column
     until(page, f"String({window}) === '1,41'")
     page.evaluate("tca.slider.setTime(10.5)")
     page.locator("#tab-messages").click()
-    places = (
-        "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
-    )
+    places = "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
     until(page, f"{places}.length > 50")
     told = page.locator("#messages .time").all_inner_texts()
     assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s

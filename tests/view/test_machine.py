@@ -1,4 +1,6 @@
-"""A state machine of tasks on the page: its picture, with the states that are active at the moment shown."""
+"""A state machine of tasks on the page: its picture, with the states that are active at the moment
+shown.
+"""
 
 import json
 import urllib.request
@@ -41,10 +43,15 @@ def patrol(tmp_path: Path) -> Path:
     story.at(1.0).command("patrol", "user", to="patrol", data=sm.chart)
     story.command("grasp", "user", to="arm", data={"width": 1})
     story.command("large", "user", to="patrol", data=large)
-    for time, serial, running, active in ((2.0, 2, ["Wait"], [0, 1]), (4.0, 3, ["Look", "GoTo"], [0, 2, 3, 4, 99])):
+    for time, serial, running, active in (
+        (2.0, 2, ["Wait"], [0, 1]),
+        (4.0, 3, ["Look", "GoTo"], [0, 2, 3, 4, 99]),
+    ):
         told = msgspec.msgpack.encode(ActiveStates(running, "", active))
         story.at(time).say(
-            facts.StateChanged(MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", told)
+            facts.StateChanged(
+                MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", told
+            )
         )
     story.at(6.0).returned(MACHINE).reached(MACHINE, Moment.END_ACHIEVING).at(7.0)
     return story.write(tmp_path / "patrol")
@@ -62,7 +69,12 @@ def test_active_states_follow_the_moment_that_is_shown(look: Look, patrol: Path)
     page = look(patrol, "#t=2&task=1")
     assert active(page) == "Wait patrol"
     picture = page.locator(".machine svg").element_handle()
-    for moment, expected in ((1.5, ""), (4.5, "GoTo Look concurrence patrol"), (2.5, "Wait patrol"), (7, "")):
+    for moment, expected in (
+        (1.5, ""),
+        (4.5, "GoTo Look concurrence patrol"),
+        (2.5, "Wait patrol"),
+        (7, ""),
+    ):
         page.evaluate("(time) => { location.hash = `#t=${time}&task=1`; }", moment)
         until(
             page,
@@ -79,7 +91,9 @@ def test_active_states_follow_the_moment_that_is_shown(look: Look, patrol: Path)
     expect(page.locator(".machine")).to_have_text("201 states are too many for a picture")
 
 
-def test_the_server_tells_pictures_of_machines_only(serve: Callable[[Path], str], patrol: Path) -> None:
+def test_the_server_tells_pictures_of_machines_only(
+    serve: Callable[[Path], str], patrol: Path
+) -> None:
     address = serve(patrol)
 
     def asked(what: str) -> Any:
@@ -95,8 +109,12 @@ def test_the_server_tells_pictures_of_machines_only(serve: Callable[[Path], str]
             asked(nothing)
 
 
-def test_the_server_finds_a_message_while_it_reads(serve: Callable[[Path], str], tmp_path: Path) -> None:
-    """The server read 2,000 entries at a time, and said of later ones that they are not in the journal."""
+def test_the_server_finds_a_message_while_it_reads(
+    serve: Callable[[Path], str], tmp_path: Path
+) -> None:
+    """The server read 2,000 entries at a time, and said of later ones that they are not in the
+    journal.
+    """
     story = Story().module("arm", "grasp")
     for number in range(1, 4001):
         story.at(number / 1000).command("grasp", "user", to="arm", data={"width": 1})

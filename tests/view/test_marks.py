@@ -1,4 +1,6 @@
-"""Failures are found in the page: marks at the slider, keys from one to the next, and what failed under what."""
+"""Failures are found in the page: marks at the slider, keys from one to the next, and what failed
+under what.
+"""
 
 import re
 from pathlib import Path
@@ -41,17 +43,25 @@ def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -
 
 
 def baking() -> Story:
-    """Of many cakes that are baked well one burns: it and what it was for are killed, for that failure."""
+    """Of many cakes that are baked well one burns: it and what it was for are killed, for that
+    failure.
+    """
     story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)
     for number in range(30):
         cake = story.goal("bake cake", "user")
         stir = story.command("stir", "cook", cake)
         heat = story.command("heat", "cook", cake)
-        story.delivered(cake, "cook").returned(cake).acted(stir, "cook", 1.0).delivered(heat, "cook")
+        story.delivered(cake, "cook").returned(cake).acted(stir, "cook", 1.0).delivered(
+            heat, "cook"
+        )
         if number == 20:
             story.returned(heat, Outcome.FAILED).say(facts.Failed(heat, "burnt", "to coal"))
             story.say(
-                facts.Killed(TaskId(cake), f"failure 'burnt' of heat {{{heat}}} was not handled", failed=TaskId(heat))
+                facts.Killed(
+                    TaskId(cake),
+                    f"failure 'burnt' of heat {{{heat}}} was not handled",
+                    failed=TaskId(heat),
+                )
             )
         else:
             story.returned(heat).reached(heat, *Moment)
@@ -88,11 +98,17 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     expect(page.locator("#task h2")).to_have_text("step {2}")
     for line in page.locator("#task .lead").all():
         expect(line).to_have_class("lead handled")
-    assert page.evaluate("tca.store.failures.map((one) => [one.handled, one.span.failure === one])") == [[True, True]]
+    assert page.evaluate(
+        "tca.store.failures.map((one) => [one.handled, one.span.failure === one])"
+    ) == [[True, True]]
     row = page.locator(".row[data-task='2']")
     expect(row.locator(".why")).to_have_class("why handled")
     expect(row.locator(".why")).to_have_text("failed (handled): blind: fog")
-    for amber in (row.locator(".dot"), page.locator("#task .state"), page.locator("[data-state^=failed] .dot")):
+    for amber in (
+        row.locator(".dot"),
+        page.locator("#task .state"),
+        page.locator("[data-state^=failed] .dot"),
+    ):
         expect(amber).to_have_css("background-color", "rgb(223, 174, 63)")
     expect(page.locator("#task .state")).to_have_text("failed (handled)")
     expect(page.locator("#counts")).to_contain_text("1 failed (handled)")
@@ -100,7 +116,9 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     expect(page.locator("#found")).to_have_text("1 found")
     page.locator("#search").fill("")
     page.locator("#tab-messages").click()
-    expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bhandled\b"))
+    expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(
+        re.compile(r"\bhandled\b")
+    )
 
     page.locator("#tab-task").click()
     page.keyboard.press("[")  # before it was replaced it was red, as in the tree of that moment
@@ -127,10 +145,14 @@ def test_the_mark_of_what_failed_in_a_closed_task_is_red_if_not_all_of_it_was_ha
 
 
 @pytest.mark.soak
-def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look, tmp_path: Path) -> None:
+def test_what_is_being_recovered_says_who_does_that_and_for_how_long(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(made("in_recovery").write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
-    expect(told).to_have_text("slip: on ice; until recover {3} has dealt with its failure, for 1.5 s")
+    expect(told).to_have_text(
+        "slip: on ice; until recover {3} has dealt with its failure, for 1.5 s"
+    )
     expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
@@ -148,8 +170,12 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     page.keyboard.press("End")  # before that, who asked may still go on
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
     went = "failed then" if passed_on else "went on"
-    expect(page.locator("#task .lead").nth(1)).to_have_text(f"told to maps, whose handler of where {{2}} {went}")
-    assert page.evaluate("tca.store.failures.map((one) => one.handled)") == [not passed_on] * (3 if passed_on else 1)
+    expect(page.locator("#task .lead").nth(1)).to_have_text(
+        f"told to maps, whose handler of where {{2}} {went}"
+    )
+    assert page.evaluate("tca.store.failures.map((one) => one.handled)") == [not passed_on] * (
+        3 if passed_on else 1
+    )
     marked = """() => {
       const { chart } = tca;
       chart.chosen = null; // without the frame of what is chosen
@@ -163,7 +189,9 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     expect(page.locator("#clock")).to_have_text("5.000 s")
     assert page.evaluate(marked) == tint
     page.locator("#tab-messages").click()
-    expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(re.compile(rf"\b{tint}\b"))
+    expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(
+        re.compile(rf"\b{tint}\b")
+    )
 
 
 @pytest.mark.soak
@@ -171,19 +199,32 @@ def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_
     story = Story().module("eye", "look", "log").at(1.0)
     for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
         story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
-        story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
+        story.say(
+            facts.HandledDirectly(
+                name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"
+            )
+        )
     page = look(story.at(2.0).write(tmp_path / "direct"))
     told = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
     assert page.evaluate(told) == [["look", True], ["log", False]]
 
 
 @pytest.mark.soak
-def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: Look, tmp_path: Path) -> None:
+def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(
+    look: Look, tmp_path: Path
+) -> None:
     story = Story().module("legs", "move", resource="left").at(1.0)
     move = story.command("move", "user")
     story.delivered(move, "legs", "left").at(3.0)
     story.say(
-        facts.Failed(move, "slip", "why", is_beside=True, by="tca raise#7", body=b"\xcb@\t\x00\x00\x00\x00\x00\x00")
+        facts.Failed(
+            move,
+            "slip",
+            "why",
+            is_beside=True,
+            by="tca raise#7",
+            body=b"\xcb@\t\x00\x00\x00\x00\x00\x00",
+        )
     )
     waits = story.command("move", "user")
     story.queued(waits, "legs", "left").at(4.0).say(
@@ -207,7 +248,9 @@ def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: 
         page.mouse.move(x, y)
         expect(page.locator("#hint")).to_contain_text(f"beside its handler, at {time}.000 s")
     page.locator(f".row[data-task='{move}']").click()
-    expect(page.locator("#task")).to_contain_text("failed: slip: why (raised by the command 'tca raise')")
+    expect(page.locator("#task")).to_contain_text(
+        "failed: slip: why (raised by the command 'tca raise')"
+    )
     expect(page.locator("#task")).to_contain_text("the failure's data: 3.125")
 
 
@@ -215,7 +258,9 @@ def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: 
 def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
-    story.delivered(move, "legs").at(9.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", "why"))
+    story.delivered(move, "legs").at(9.0).returned(move, Outcome.FAILED).say(
+        facts.Failed(move, "slip", "why")
+    )
     page = look(story.at(10.0).say(facts.Closed("done")).write(tmp_path / "slip"), "#t=5")
     expect(page.locator("#clock")).to_have_text("5.000 s")
     framed = """([time]) => {
@@ -227,7 +272,11 @@ def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> No
     told = "move {1} handled by legs"
     went = ": 1.000 s – 9.000 s (8 s)"
     for time, is_framed, said in (
-        ("5", [False, True], f"{told}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)"),
+        (
+            "5",
+            [False, True],
+            f"{told}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)",
+        ),
         ("0.5", [True, True], f"later: {told}: failed{went}"),
         ("9", [True, True], f"{told}: failed{went}"),
     ):

@@ -25,14 +25,20 @@ def line(page: Page, task: int) -> Locator:
     return page.locator(f".row[data-task='{task}']")
 
 
-def test_why_a_task_waits_is_seen_without_a_click_and_on_a_narrow_screen_names_are(look: Look, tmp_path: Path) -> None:
+def test_why_a_task_waits_is_seen_without_a_click_and_on_a_narrow_screen_names_are(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(walking().write(tmp_path / "walk"))
     expect(line(page, 9)).to_contain_text(
         "until its parent take steps {3} is being achieved; in the end for move body {7}"
     )
-    expect(line(page, 4)).to_contain_text("until take steps {3} is being achieved; in the end for move body {7}")
+    expect(line(page, 4)).to_contain_text(
+        "until take steps {3} is being achieved; in the end for move body {7}"
+    )
     expect(page.locator("#counts")).to_contain_text("1 handling")
-    expect(page.locator("#status")).to_have_text("not closed")  # nobody writes to it, and it has no end
+    expect(page.locator("#status")).to_have_text(
+        "not closed"
+    )  # nobody writes to it, and it has no end
     line(page, 4).click()
     expect(page.locator(".row .kind")).to_have_text("SEQ, plan ahead")
     for width in (1400, 800, 420):
@@ -49,7 +55,9 @@ def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> N
     page = look(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
-    expect(line(page, 1)).to_contain_text("killed: failure 'terrain collision' of move body {7} was not handled")
+    expect(line(page, 1)).to_contain_text(
+        "killed: failure 'terrain collision' of move body {7} was not handled"
+    )
     page.locator("#counts button[data-state='failed']").click()
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     expect(page.locator("#task")).to_contain_text("handled by controller: failed")
@@ -67,7 +75,9 @@ def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> N
       return [box.left + x, box.top + place.top + 6];
     }""")
     page.mouse.move(x, y)
-    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2 s)")
+    expect(page.locator("#hint")).to_contain_text(
+        "move leg {6} handled by controller: 1.400 s – 3.400 s (2 s)"
+    )
     page.mouse.click(x, y)
     expect(page.locator("#task h2")).to_have_text("move leg {6}")
     page.locator("#tree").focus()
@@ -147,7 +157,9 @@ def test_the_chart_begins_with_the_first_message_ends_with_the_last_and_has_modu
     look: Look, tmp_path: Path
 ) -> None:
     story = Story().module("legs", "move").module("lamp", "shine").at(100.0)
-    story.acted(story.command("move", "user"), "legs", 10.0).at(160.0).say(facts.ModuleLeft("lamp", "gone"))
+    story.acted(story.command("move", "user"), "legs", 10.0).at(160.0).say(
+        facts.ModuleLeft("lamp", "gone")
+    )
     page = look(story.at(300.0).say(facts.Closed("done")).write(tmp_path / "late"))
     expect(page.locator("#status")).to_have_text("ended")
     until(page, "tca.chart.window[1] < 111")
@@ -181,7 +193,9 @@ def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"
     walk = story.goal(evil, "<i>user</i>", data={evil: "</script>"})
-    story.delivered(walk, "<b>legs</b>").at(1.0).say(facts.Failed(walk, evil, "\u202e\x00" + evil + "\nsecond"))
+    story.delivered(walk, "<b>legs</b>").at(1.0).say(
+        facts.Failed(walk, evil, "\u202e\x00" + evil + "\nsecond")
+    )
     story.at(2.0).say(facts.Killed(TaskId(walk), "\x1b[2J\u202e" + evil))
     page = look(story.write(tmp_path / "walk"), f"#task={walk}")
     expect(page.locator("#task h2")).to_have_text(f"{evil} {{1}}")
@@ -192,7 +206,9 @@ def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     assert not re.search("[\x00\x1b\u202e]", pane.evaluate("(pane) => pane.textContent"))
 
 
-def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(look: Look, tmp_path: Path) -> None:
+def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(
+    look: Look, tmp_path: Path
+) -> None:
     data = stumbling().encoded()
     place = data.index(b"terrain collision")
     damaged = tmp_path / "damaged.tcaj"
@@ -226,14 +242,18 @@ def test_a_live_central_is_followed(look: Look, tmp_path: Path) -> None:
         expect(page.locator("#status")).to_have_text("live")
         expect(page.locator(".row").first).to_contain_text("for a module that handles walk")
         page.locator("#tab-traffic").click()
-        expect(page.locator("#traffic .pair td:first-child")).to_have_text(["user → not handled yet"])
+        expect(page.locator("#traffic .pair td:first-child")).to_have_text(
+            ["user → not handled yet"]
+        )
         with legs.running():
             expect(page.locator(".row")).to_have_count(3)
             expect(page.locator(".row").nth(1)).to_contain_text("for a module that handles move")
             with feet.running():
                 expect(page.locator("#counts")).to_have_text("3 achieved")
                 expect(page.locator("#follow")).to_have_class("on")
-                expect(page.locator("#traffic .pair td:first-child")).to_have_text(["user → legs", "legs → feet"])
+                expect(page.locator("#traffic .pair td:first-child")).to_have_text(
+                    ["user → legs", "legs → feet"]
+                )
 
 
 def many_tasks(number: int) -> bytes:
@@ -246,7 +266,9 @@ def many_tasks(number: int) -> bytes:
         moves = [story.command("move", "planner", parent) for _ in range(9)]
         story.returned(parent)
         for place, move in enumerate(moves):
-            story.at(step + 0.1 * place).delivered(move, "legs").at(step + 0.1 * place + 0.09).returned(move)
+            story.at(step + 0.1 * place).delivered(move, "legs").at(
+                step + 0.1 * place + 0.09
+            ).returned(move)
             story.reached(move, Moment.END_ACHIEVING)
         if step == number // 20:
             story.say(facts.Failed(moves[4], "slip", "on ice"))
@@ -256,14 +278,18 @@ def many_tasks(number: int) -> bytes:
 
 
 class Halting(Log):
-    """A journal of which only the first entries can be read for a while, as if the disk were slow."""
+    """A journal of which only the first entries can be read for a while, as if the disk were
+    slow.
+    """
 
     def __init__(self, path: Path, first: int) -> None:
         super().__init__(path)
         self._first = first
         self.go_on = threading.Event()
 
-    def follow_places(self, wait: Callable[[], object] = lambda: None) -> Iterator[tuple[Entry, EntryPlace]]:
+    def follow_places(
+        self, wait: Callable[[], object] = lambda: None
+    ) -> Iterator[tuple[Entry, EntryPlace]]:
         for number, found in enumerate(super().follow_places(wait)):
             if number == self._first:
                 self.go_on.wait()
@@ -271,7 +297,9 @@ class Halting(Log):
 
 
 @pytest.mark.soak
-def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser, tmp_path: Path) -> None:
+def test_the_address_is_kept_until_what_it_names_has_been_read(
+    browser: Browser, tmp_path: Path
+) -> None:
     path = tmp_path / "long.tcaj"
     path.write_bytes(many_tasks(5_000))
     log, wanted = Halting(path, first=5_000), "#t=400.5&task=4000"

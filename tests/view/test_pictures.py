@@ -1,4 +1,6 @@
-"""Pictures that modules publish as variables: the page shows them as they were at the moment shown."""
+"""Pictures that modules publish as variables: the page shows them as they were at the moment
+shown.
+"""
 
 import base64
 import urllib.request
@@ -16,21 +18,26 @@ from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
 
-PNG = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAADUlEQVR4nGNgwAcAAB4AAY6hUpQAAAAASUVORK5CYII=")
+PNG = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAADUlEQVR4nGNgwAcAAB4AAY6hUpQAAAAASUVORK5CYII="
+)
 
 
 def svg(width: int) -> str:
     """A picture, and a script that no page may run."""
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="9"><script>parent.ran = true</script></svg>'
-    )
+    return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="9"><script>parent.ran = true</script></svg>'
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
     """Pictures of an arm at 1 and 3 s, a map at 2 s, something else at 4 s."""
     story = Story().module("arm", "reach")
-    told = [(1.0, "arm", svg(11)), (2.0, "map", PNG), (3.0, "arm", svg(33)), (4.0, "mind", {"svg": svg(1)})]
+    told = [
+        (1.0, "arm", svg(11)),
+        (2.0, "map", PNG),
+        (3.0, "arm", svg(33)),
+        (4.0, "mind", {"svg": svg(1)}),
+    ]
     for time, name, value in told:
         story.at(time).received(f"picture of {name}", MessageClass.VARIABLE, "arm", data=value)
     story.at(5.0).received("speed of arm", MessageClass.VARIABLE, "arm", data=svg(5))

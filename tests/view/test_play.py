@@ -34,7 +34,11 @@ def moments(page: Page, number: int, milliseconds: int) -> list[float]:
 def test_a_run_is_played(look: Look, quiet: Path) -> None:
     """One page for all: its clock is the test's, and takes the browser longest."""
     page = look(quiet, clock=True)
-    for time, plays in ((6, plays_from_between_two_messages), (20, hurries_through_silence), (3.5, moves_zoomed_chart)):
+    for time, plays in (
+        (6, plays_from_between_two_messages),
+        (20, hurries_through_silence),
+        (3.5, moves_zoomed_chart),
+    ):
         page.evaluate(f"location.hash = '#t={time}'")
         page.clock.run_for(500)
         plays(page)
@@ -43,13 +47,18 @@ def test_a_run_is_played(look: Look, quiet: Path) -> None:
 def plays_from_between_two_messages(page: Page) -> None:
     assert page.evaluate("tca.slider.time") == 6
     page.locator("#play").click()
-    shown = [6.0, *moments(page, 10, 100)]  # in the middle of an action, which is played in half its time
+    shown = [
+        6.0,
+        *moments(page, 10, 100),
+    ]  # in the middle of an action, which is played in half its time
     steps = [later - earlier for earlier, later in itertools.pairwise(shown)]
     assert min(steps) > 0
     time, now = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
     page.clock.run_for(100)
     later, then = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
-    assert later - time == pytest.approx((then - now) / 1000 * 2)  # ten seconds of silence take five
+    assert later - time == pytest.approx(
+        (then - now) / 1000 * 2
+    )  # ten seconds of silence take five
     expect(page.locator("#play")).to_have_text("❚❚")
     page.keyboard.press("Space")
     page.clock.run_for(500)

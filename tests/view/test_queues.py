@@ -1,4 +1,6 @@
-"""What waits in queues: the page's chart lays it as `tca gantt` does, says how many do, and is quick though they are many."""
+"""What waits in queues: the page's chart lays it as `tca gantt` does, says how many do, and is
+quick though they are many.
+"""
 
 import itertools
 import random
@@ -19,7 +21,9 @@ pytestmark = pytest.mark.slow
 
 
 def queue_of(number: int) -> Story:
-    """A command that is handled, and others that wait for the same resource from one second after the other."""
+    """A command that is handled, and others that wait for the same resource from one second after
+    the other.
+    """
     story = Story().module("legs", "move").at(1.0)
     story.delivered(story.command("move", "user"), "legs")
     for second in range(2, number + 2):
@@ -39,7 +43,9 @@ def test_a_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number:
     assert slider
     page.locator("#slider").click(position={"x": slider["width"] / 2, "y": slider["height"] / 2})
     until(page, "(half) => Math.abs(tca.tree.time - half) < half / 100", number / 2)
-    expect(page.locator("#counts")).to_contain_text(f"{page.evaluate('Math.floor(tca.tree.time)') - 1} queued")
+    expect(page.locator("#counts")).to_contain_text(
+        f"{page.evaluate('Math.floor(tca.tree.time)') - 1} queued"
+    )
     page.locator("#search").fill(f"{number // 4}")
     page.keyboard.press("Enter")
     expect(page.locator("#task h2")).to_have_text(f"move {{{number // 4}}}")
@@ -62,7 +68,9 @@ def lanes_on(page: Page, label: str) -> Any:
 
 
 @pytest.mark.soak
-def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(look: Look, tmp_path: Path) -> None:
+def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(
+    look: Look, tmp_path: Path
+) -> None:
     story, life = Story().module("legs", "move"), random.Random(1)
     waiting: list[int] = []
     for second in range(1, 120):
@@ -80,7 +88,9 @@ def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(look: Look
         """() => tca.chart.layout.find(({ row }) => row.label === "legs").row.queued.peaks(
           Array.from({ length: 240 }, (_, place) => Math.floor(place / 2) + 0.25 + (place % 2) * 0.01)).filter((_, place) => place % 2 === 0)"""
     )
-    bars = [sum(bar.start <= second + 0.25 < bar.end for bar in row.queued) for second in range(120)]
+    bars = [
+        sum(bar.start <= second + 0.25 < bar.end for bar in row.queued) for second in range(120)
+    ]
     assert counted == bars
     assert max(bars) > 12
     by_start = sorted(row.queued, key=lambda bar: bar.start)
@@ -104,19 +114,38 @@ def counts_what_waits(page: Page) -> None:
     for _ in range(20):
         starts = sorted(life.randint(0, NOW) for _ in range(life.choice([5, 40, 600])))
         bars = [(start, start + life.choice([0, 0, 1, 2, 5, 20, NOW])) for start in starts]
-        times = sorted([0.0, NOW, *(life.choice([life.uniform(0, NOW), life.randint(0, NOW)]) for _ in range(20))])
+        times = sorted(
+            [
+                0.0,
+                NOW,
+                *(life.choice([life.uniform(0, NOW), life.randint(0, NOW)]) for _ in range(20)),
+            ]
+        )
         most = []
         for since, last in itertools.pairwise(times):
-            looks = [since, *(start for start in starts if since < start < last)] if since < last else []
-            most.append(max((sum(start <= at < end for start, end in bars) for at in looks), default=0))
+            looks = (
+                [since, *(start for start in starts if since < start < last)]
+                if since < last
+                else []
+            )
+            most.append(
+                max((sum(start <= at < end for start, end in bars) for at in looks), default=0)
+            )
         ended = sorted(end for _, end in bars if end <= NOW)
         assert page.evaluate(PEAKS, [starts, ended, times]) == most
 
 
 def bursts() -> Story:
-    """Three times many messages come at once, and are handled soon, in a run of twenty minutes; a few are suspended."""
+    """Three times many messages come at once, and are handled soon, in a run of twenty minutes; a
+    few are suspended.
+    """
     story = Story()
-    for module, number, begin in (("sink", 298, 301.0), ("farm", 14, 640.7), ("shop", 4, 900.2), ("desk", 1, 950.0)):
+    for module, number, begin in (
+        ("sink", 298, 301.0),
+        ("farm", 14, 640.7),
+        ("shop", 4, 900.2),
+        ("desk", 1, 950.0),
+    ):
         story.at(1.0).module(module, f"note {module}")
         for size, time in ((number, begin), (number // 2, begin + 100)):
             waiting = [story.at(time).command(f"note {module}", "user") for _ in range(size)]
@@ -124,7 +153,11 @@ def bursts() -> Story:
                 story.queued(task, module)
             for place, task in enumerate(waiting):
                 story.at(time + 0.1 + place * 1e-3).delivered(task, module).returned(task)
-    return story.at(1200.0).acted(story.command("note desk", "user"), "desk", 1201.0).say(facts.Closed("done"))
+    return (
+        story.at(1200.0)
+        .acted(story.command("note desk", "user"), "desk", 1201.0)
+        .say(facts.Closed("done"))
+    )
 
 
 def numbers(page: Page) -> list[str]:

@@ -1,4 +1,6 @@
-"""Reasons in the rows of the page: cut where that costs least, and whole at the mouse and in the pane."""
+"""Reasons in the rows of the page: cut where that costs least, and whole at the mouse and in the
+pane.
+"""
 
 import re
 from pathlib import Path
@@ -40,7 +42,9 @@ def test_a_reason_is_cut_where_there_is_little_room_and_whole_at_the_mouse_and_i
 
 @pytest.mark.soak
 def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
-    story = Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
+    story = (
+        Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
+    )
     first, scan = story.command("ct scan", "user"), story.command("ct scan", "user")
     story.delivered(first, "radiology", "scanner").queued(scan, "radiology", "scanner")
     treat = story.goal("treat", "user")
@@ -102,9 +106,13 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
     """A clean waits for twenty moves, of which all but the second and the last are achieved."""
     story = Story().module("legs", "move").at(1.0)
     moves = [story.command("move", "user") for _ in range(20)]
-    clean = story.command("clean", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in moves))
+    clean = story.command(
+        "clean", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in moves)
+    )
     for move in {*moves} - {2, 20}:
-        story.at(1.0 + move).delivered(move, "legs").returned(move).reached(move, Moment.END_ACHIEVING)
+        story.at(1.0 + move).delivered(move, "legs").returned(move).reached(
+            move, Moment.END_ACHIEVING
+        )
     page = look(story.at(30.0).write(tmp_path / "walk"), f"#t=29&task={clean}")
     rows = page.locator("#constraints tr")
     first = [f"•start achieving not before move {{{one}}} end achieving" for one in (2, 20)]
@@ -120,8 +128,12 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
 
 
 @pytest.mark.soak
-def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Look, tmp_path: Path) -> None:
-    """Meals are cooked one after the other; the second one's soup waits until that may be cooked, its bread for soup, too."""
+def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(
+    look: Look, tmp_path: Path
+) -> None:
+    """Meals are cooked one after the other; the second one's soup waits until that may be cooked,
+    its bread for soup, too.
+    """
     story = Story().module("cook", "meal", "soup").at(1.0)
     first = story.goal("meal", "user")
     second = story.goal("meal", "user", 0, sequential_achievement(TaskId(first), THIS))
@@ -151,7 +163,9 @@ def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
     long = letters * (100_000 // len(letters))
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user", data={"to": long})
-    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", long))
+    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(
+        facts.Failed(move, "slip", long)
+    )
     page = look(story.reached(move, *Moment).write(tmp_path / "long"), f"#task={move}")
     expect(page.locator("#task .lead.bad")).to_contain_text("show all 100006 characters")
     assert page.evaluate("document.getElementById('task').textContent.length") < 30_000
@@ -168,11 +182,16 @@ def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: 
     text = "ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\n           ~^~\nZeroDivisionError: division"
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
-    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "handler error", text))
+    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(
+        facts.Failed(move, "handler error", text)
+    )
     page = look(story.write(tmp_path / "trace"), f"#task={move}")
     told = page.locator("#story .said", has_text="File")
-    expect(told).to_have_text("failed: handler error: ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\nZeroDiv"
-                              "isionError: division", use_inner_text=True)  # fmt: skip
+    expect(told).to_have_text(
+        "failed: handler error: ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\nZeroDiv"
+        "isionError: division",
+        use_inner_text=True,
+    )
 
 
 @pytest.mark.soak
@@ -183,5 +202,7 @@ def test_a_module_whose_work_is_done_did_not_fail(look: Look, tmp_path: Path) ->
     )
     page = look(story.write(tmp_path / "gone"))
     page.locator("#tab-messages").click()
-    expect(page.locator("#messages .line", has_text="its connection closed")).to_have_class(re.compile("bad"))
+    expect(page.locator("#messages .line", has_text="its connection closed")).to_have_class(
+        re.compile("bad")
+    )
     expect(page.locator("#messages .line", has_text="goodbye")).not_to_have_class(re.compile("bad"))

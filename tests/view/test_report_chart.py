@@ -1,4 +1,6 @@
-"""The report's chart in a real browser: it uses a wide screen, scrolls on a narrow one, and is legible on both and on paper."""
+"""The report's chart in a real browser: it uses a wide screen, scrolls on a narrow one, and is
+legible on both and on paper.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +26,9 @@ def long_walk() -> Story:
         story.module(f"gait planner of the {number}th leg", f"move {number}")
     for number in range(160):
         story.at(round(number * 0.5, 6)).acted(
-            story.command(f"move {number % 8}", "user"), f"gait planner of the {number % 8}th leg", 0.02
+            story.command(f"move {number % 8}", "user"),
+            f"gait planner of the {number % 8}th leg",
+            0.02,
         )
     return story
 
@@ -40,7 +44,12 @@ def pool() -> Story:
 def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
     """The page of a report."""
     out = tmp_path / "run.html"
-    assert CliRunner().invoke(report, [str(request.param().write(tmp_path / "run")), "-o", str(out)]).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(report, [str(request.param().write(tmp_path / "run")), "-o", str(out)])
+        .exit_code
+        == 0
+    )
     context = browser.new_context()
     page = context.new_page()
     page.goto(out.as_uri())
@@ -74,7 +83,9 @@ def is_as_wide_as_the_screen(paged: Page, width: int) -> None:
     assert paged.evaluate(INSIDE)
     assert scrolls(paged) == 0
     assert paged.evaluate(LETTERS, ".r-plot") >= LEAST
-    chart, text = (paged.locator(what).bounding_box() for what in (".r-chart", "main > h2 >> nth=0"))
+    chart, text = (
+        paged.locator(what).bounding_box() for what in (".r-chart", "main > h2 >> nth=0")
+    )
     assert chart is not None
     assert text is not None
     assert chart["width"] > text["width"] + (300 if width > 2000 else 100)
@@ -119,7 +130,9 @@ def is_in_parts_on_paper(paged: Page) -> None:
         scale = one.evaluate("(one) => one.children[1].getScreenCTM().a")
         assert scale >= 0.75  # of letters of 12 pixels
         assert (
-            one.evaluate("(one) => Math.abs(one.children[0].getScreenCTM().a - one.children[1].getScreenCTM().a)")
+            one.evaluate(
+                "(one) => Math.abs(one.children[0].getScreenCTM().a - one.children[1].getScreenCTM().a)"
+            )
             < 0.02
         )
     assert paged.pdf(prefer_css_page_size=True).startswith(b"%PDF")

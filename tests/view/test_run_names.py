@@ -1,4 +1,6 @@
-"""What runs are called, and by which address they are asked for: it stays, whatever comes to lie beside them."""
+"""What runs are called, and by which address they are asked for: it stays, whatever comes to lie
+beside them.
+"""
 
 import shutil
 import threading
@@ -28,7 +30,9 @@ def runs_of(journal: Path | None) -> Iterator[Runs]:
 
 
 def test_who_looks_at_a_run_while_the_server_ends_is_not_waited_for(journals: Path) -> None:
-    """He has its reading and asks for the newest run; who stops them has the list of runs and wants the reading."""
+    """He has its reading and asks for the newest run; who stops them has the list of runs and wants
+    the reading.
+    """
     runs = Runs(open_log(walking().write(journals / "walk")), follows=False)
     shown = runs.show(None)
     assert shown is not None
@@ -41,7 +45,10 @@ def test_who_looks_at_a_run_while_the_server_ends_is_not_waited_for(journals: Pa
             may_ask.wait(SOON)
             names.extend(run.name for run in runs.names(shown))
 
-    threads = [threading.Thread(target=look, daemon=True), threading.Thread(target=runs.stop, daemon=True)]
+    threads = [
+        threading.Thread(target=look, daemon=True),
+        threading.Thread(target=runs.stop, daemon=True),
+    ]
     threads[0].start()
     assert looks.wait(SOON)
     threads[1].start()
@@ -93,7 +100,9 @@ def test_a_run_is_asked_for_as_before_when_another_begins_in_its_folder(journals
         assert open_log(Path(old.address)).name == "walk#1"  # it names the run as LOG, too
 
 
-def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is_something(tmp_path: Path) -> None:
+def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is_something(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "walk"
     folder.mkdir()
     (folder / "00000001.tcaj").touch()
@@ -111,12 +120,20 @@ def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is
 
 
 def test_folders_of_one_name_are_told_apart_by_those_in_which_they_lie(journals: Path) -> None:
-    for number, where in enumerate(("a/robot/journal", "b/robot/journal", "b/arm/journal", "walk", "a/walk")):
+    for number, where in enumerate(
+        ("a/robot/journal", "b/robot/journal", "b/arm/journal", "walk", "a/walk")
+    ):
         (journals / where).parent.mkdir(parents=True, exist_ok=True)
         link_to(walking().write(journals / where), f"2026-01-0{number}")
     with runs_of(None) as runs:
         names = [run.name for run in runs.all()]
-    assert names == ["a/robot/journal", "b/robot/journal", "arm/journal", f"{journals.name}/walk", "a/walk"]
+    assert names == [
+        "a/robot/journal",
+        "b/robot/journal",
+        "arm/journal",
+        f"{journals.name}/walk",
+        "a/walk",
+    ]
 
 
 def test_a_run_whose_folder_was_replaced_is_there_no_more(journals: Path) -> None:
@@ -125,7 +142,9 @@ def test_a_run_whose_folder_was_replaced_is_there_no_more(journals: Path) -> Non
         (before,) = runs.all()
         shutil.rmtree(folder)
         story = stumbling()
-        story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0")
+        story.entries[0].facts[0] = facts.Opened(
+            JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0"
+        )
         story.write(folder)
         (after,) = runs.all()
         assert runs.show(after.address) is not None

@@ -1,4 +1,6 @@
-"""Which run the page shows: the newest one while it follows, another when that is chosen; real centrals, one by one."""
+"""Which run the page shows: the newest one while it follows, another when that is chosen; real
+centrals, one by one.
+"""
 
 import re
 import shutil
@@ -74,7 +76,9 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew_and_
 
 
 @pytest.mark.soak
-def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], start: Start) -> None:
+def test_the_note_leads_to_the_newer_run(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
     first = start("first", WALK)
     page = look(serve())
     task(page, "walk")
@@ -115,7 +119,9 @@ def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_f
 
 
 @pytest.mark.soak
-def test_the_way_back_to_a_run_in_the_same_folder(look: Look, serve: Callable[..., str], start: Start) -> None:
+def test_the_way_back_to_a_run_in_the_same_folder(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
     first = start("arm", WALK)
     page = look(serve())
     task(page, "walk")
@@ -137,7 +143,9 @@ def test_a_run_that_is_there_no_more_is_still_the_one_that_is_shown(
     second.stop()
     shutil.rmtree(second.journal)
     page.locator("#runs").focus()
-    expect(page.locator("#runs option:checked")).to_have_text("leg/journal, which is not there any more")
+    expect(page.locator("#runs option:checked")).to_have_text(
+        "leg/journal, which is not there any more"
+    )
     expect(page.locator("#runs option")).to_have_count(2)
     first.stop()
 
@@ -156,7 +164,9 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
     page.route("**/api/outcome*", lambda route: route.fulfill(body=""))
     page.locator("#outcomes").click()
-    expect(page.locator("#all td:last-child")).to_have_text([re.compile("^The server does not answer")] * 2)
+    expect(page.locator("#all td:last-child")).to_have_text(
+        [re.compile("^The server does not answer")] * 2
+    )
     page.unroute("**/api/outcome*")
     page.keyboard.press("Escape")
     page.locator("#outcomes").click()
@@ -170,9 +180,13 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
             re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),
         ]
     )
-    expect(first).to_have_text(["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all"])
+    expect(first).to_have_text(
+        ["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all"]
+    )
     first.get_by_role("button").click()
-    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
+    expect(page.locator(".row[data-task='3'] .why")).to_contain_text(
+        "until take steps {2} is achieved"
+    )
 
 
 @pytest.mark.soak
@@ -189,14 +203,18 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
     cells = page.locator("#all td:last-child")
     expect(cells).to_have_text(
         [
-            re.compile("^/.*/20231116-empty: empty, .*'tca log show --follow' wait for what comes$"),
+            re.compile(
+                "^/.*/20231116-empty: empty, .*'tca log show --follow' wait for what comes$"
+            ),
             re.compile("^/.*/20231115-garbage/00000001.tcaj: not a journal of tca central$"),
             re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),
         ]
     )
     for width in (1280, 800, 600):
         page.set_viewport_size({"width": width, "height": 700})
-        assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
+        assert page.evaluate(
+            "document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth"
+        )
 
 
 @pytest.mark.soak
@@ -221,7 +239,9 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
 
 
 @pytest.mark.soak
-def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(look: Look, tmp_path: Path) -> None:
+def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(
+    look: Look, tmp_path: Path
+) -> None:
     folder = walking().write(tmp_path / "walk")
     begin_another_in(folder)
     page = look(folder.with_name("walk#1"))

@@ -1,4 +1,6 @@
-"""The search of the page: what has no row in the tree is found, too, and who goes through what is found comes on."""
+"""The search of the page: what has no row in the tree is found, too, and who goes through what is
+found comes on.
+"""
 
 from pathlib import Path
 
@@ -35,7 +37,10 @@ def test_queries_and_informs_are_found_by_their_names(look: Look, tmp_path: Path
     page.locator("#search").fill("map")
     page.evaluate("tca.slider.setTime(1.7)")
     expect(page.locator("#found")).to_have_text("1 found, 2 later")
-    for words, time, named in (("draw", "4.000 s", "draw map {4}"), ("battery", "6.000 s", "battery low {5}")):
+    for words, time, named in (
+        ("draw", "4.000 s", "draw map {4}"),
+        ("battery", "6.000 s", "battery low {5}"),
+    ):
         page.locator("#search").fill(words)
         expect(page.locator("#found")).to_have_text("0 found, 1 later")
         page.keyboard.press("Enter")

@@ -21,7 +21,9 @@ pytestmark = pytest.mark.slow
 
 
 def get(address: str, headers: dict[str, str] | None = None) -> Any:
-    with urllib.request.urlopen(urllib.request.Request(address, headers=headers or {}), timeout=20) as answer:
+    with urllib.request.urlopen(
+        urllib.request.Request(address, headers=headers or {}), timeout=20
+    ) as answer:
         return answer.read()
 
 
@@ -45,7 +47,12 @@ def test_all_there_is_to_say_about_a_task(address: str) -> None:
     told = asked(address, "message/7")
     assert (told["state"], told["waits"]) == ("failed", [])
     assert told["failure"] == r"terrain collision: leg 4 met\x1b[31m rock"
-    assert told["story"][-2] == {"time": 4.5, "text": f"failed: {told['failure']}", "seconds": None, "isOpen": False}
+    assert told["story"][-2] == {
+        "time": 4.5,
+        "text": f"failed: {told['failure']}",
+        "seconds": None,
+        "isOpen": False,
+    }
     assert asked(address, "message/4?at=1")["constraints"] == [
         {"text": "start achieving not before take steps {3} end achieving", "isMet": False},
         {"text": "start planning not before take steps {3} start achieving", "isMet": False},
@@ -84,7 +91,9 @@ def test_what_is_waited_for_in_the_end(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "causes?at=2.5")
     assert (told["waiting"], told["things"]) == (7, 1)
-    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 7, "goto": 6}]
+    assert told["causes"] == [
+        {"text": "move leg {6}, which controller handles", "tasks": 7, "goto": 6}
+    ]
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
 
 
@@ -113,7 +122,14 @@ def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: P
         found = re.search(r"http://0.0.0.0:(\d+)/\?access=(\S+)", server.stdout.readline())
         assert found
         address, token = f"http://127.0.0.1:{found[1]}/", found[2]
-        for what in ("", "api/runs", "page/page.js", f"api/runs?access={token}", "?access=guess", "?access="):
+        for what in (
+            "",
+            "api/runs",
+            "page/page.js",
+            f"api/runs?access={token}",
+            "?access=guess",
+            "?access=",
+        ):
             with pytest.raises(urllib.error.HTTPError, match="403"):
                 get(address + what)
         with pytest.raises(urllib.error.HTTPError, match="403"):
@@ -128,7 +144,9 @@ def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: P
 
 def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
     port = address.rsplit(":", 1)[1].strip("/")
-    taken = CliRunner().invoke(view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"])
+    taken = CliRunner().invoke(
+        view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"]
+    )
     assert (taken.exit_code, "give another --port" in taken.stderr) == (1, True)
     none = CliRunner().invoke(view, [str(tmp_path / "nothing"), "--no-browser"])
     assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
@@ -138,7 +156,11 @@ def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) ->
     foreign = tmp_path / "foreign.tcaj"
     foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
     told = CliRunner().invoke(view, [str(foreign), "--no-browser"])
-    assert (told.exit_code, "not a journal of tca central" in told.stderr, told.stdout) == (2, True, "")
+    assert (told.exit_code, "not a journal of tca central" in told.stderr, told.stdout) == (
+        2,
+        True,
+        "",
+    )
 
 
 @pytest.mark.parametrize("is_folder", [False, True])

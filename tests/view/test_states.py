@@ -11,14 +11,22 @@ from view.conftest import Look
 pytestmark = pytest.mark.slow
 
 
-def test_the_page_shows_what_is_asked_for_and_the_newest_progress(look: Look, tmp_path: Path) -> None:
+def test_the_page_shows_what_is_asked_for_and_the_newest_progress(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(made("grasping").write(tmp_path / "grasp"), "#t=3.5&task=1")
     why = page.locator(".row[data-task='1'] .why")
     expect(why).to_have_text('update requested, progress: {"force": 1}')
     pane = page.locator("#task")
     expect(pane.locator("td", has_text="update requested, 3 changes")).to_be_visible()
-    assert pane.locator("pre").all_inner_texts() == ['{"force": 1}', '{"width": 0.05}', '{"width": 0.1}']
-    change = page.evaluate("tca.store.rows.flatMap((row) => row.changes).map(({ time, span }) => [time, span.message])")
+    assert pane.locator("pre").all_inner_texts() == [
+        '{"force": 1}',
+        '{"width": 0.05}',
+        '{"width": 0.1}',
+    ]
+    change = page.evaluate(
+        "tca.store.rows.flatMap((row) => row.changes).map(({ time, span }) => [time, span.message])"
+    )
     assert change == [[3, 1], [4, 1], [7, 1], [8, 1]]
     x, y = page.evaluate(
         """() => {
@@ -27,4 +35,6 @@ def test_the_page_shows_what_is_asked_for_and_the_newest_progress(look: Look, tm
         }"""
     )
     page.mouse.move(x, y)
-    expect(page.locator("#hint")).to_contain_text("update by planner, now update requested: it is narrower")
+    expect(page.locator("#hint")).to_contain_text(
+        "update by planner, now update requested: it is narrower"
+    )

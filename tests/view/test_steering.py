@@ -1,4 +1,6 @@
-"""Tasks of a live run are killed, suspended, resumed and retried from the page, by whoever has its key."""
+"""Tasks of a live run are killed, suspended, resumed and retried from the page, by whoever has its
+key.
+"""
 
 import json
 import threading
@@ -101,7 +103,9 @@ def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot
     assert robot.begun == [3, 3]
 
 
-def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serve, robot: Robot) -> None:
+def test_a_task_is_killed_by_who_says_so_and_has_the_key(
+    look: Look, serve: Serve, robot: Robot
+) -> None:
     task, steering = robot.user.goal(PATROL, 2), Steering(robot.daemon.address)
     page = look(serve(robot.daemon.journal, steering), f"?key={steering.key.text}")
     ask(page, "kill", task.id, rows=3)
@@ -113,7 +117,9 @@ def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serv
     expect(told(page)).to_contain_text("told to end")
     robot.go_on.set()
     assert task.wait(30) is Outcome.KILLED
-    expect(page.locator("#task .lead").last).to_contain_text("killed: the battery is low (by the command 'tca view')")
+    expect(page.locator("#task .lead").last).to_contain_text(
+        "killed: the battery is low (by the command 'tca view')"
+    )
     expect(page.locator("#steering button")).to_have_count(0)
     robot.go_on.clear()
     other = robot.user.goal(PATROL, 1)

@@ -1,4 +1,6 @@
-"""Between two messages of a run that goes on, only the time does: seen in a real browser, beside a real central."""
+"""Between two messages of a run that goes on, only the time does: seen in a real browser, beside a
+real central.
+"""
 
 import signal
 from collections.abc import Iterator
@@ -49,7 +51,9 @@ def entries(page: Page) -> int:
     return int(page.evaluate("tca.store.times.length"))
 
 
-def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, user: Client) -> None:
+def test_waits_and_the_chart_grow_without_any_news(
+    look: Look, daemon: Central, user: Client
+) -> None:
     page = look(daemon.journal)
     expect(page.locator(".row .why")).to_contain_text("for a module that handles walk, for ")
     page.locator(".row").click()
@@ -64,7 +68,9 @@ def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, 
     assert entries(page) == known  # and yet nothing happened
     user.goal(WALK, 2)
     expect(page.locator(".row")).to_have_count(2)
-    assert page.evaluate("tca.store.times.at(-1)") > float(clock.split()[0])  # the page's clock is central's
+    assert page.evaluate("tca.store.times.at(-1)") > float(
+        clock.split()[0]
+    )  # the page's clock is central's
 
     page.keyboard.press("ArrowLeft")  # who looks at the past is not disturbed
     expect(page.locator("#follow")).not_to_have_class("on")
@@ -85,7 +91,9 @@ def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, 
     ("how", "state"),
     [(signal.SIGTERM, "ended"), pytest.param(signal.SIGKILL, "not closed", marks=pytest.mark.soak)],
 )
-def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Client, how: int, state: str) -> None:
+def test_a_run_that_is_over_stands_still(
+    look: Look, daemon: Central, user: Client, how: int, state: str
+) -> None:
     page = look(daemon.journal)
     expect(page.locator("#status")).to_have_text("live")
     daemon.signal(signal.Signals(how))
@@ -100,7 +108,9 @@ def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, us
     page = look(daemon.journal, clock=True)  # whose time is the test's
     page.clock.run_for(1000)
     expect(page.locator(".row .age")).to_have_count(1)
-    page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.unseen, configurable: true })")
+    page.evaluate(
+        "Object.defineProperty(document, 'hidden', { get: () => window.unseen, configurable: true })"
+    )
     page.evaluate("window.unseen = true")
     before = shown(page)
     page.clock.run_for(4000)
@@ -112,7 +122,9 @@ def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, us
 
 
 @pytest.mark.soak
-def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Central, user: Client) -> None:
+def test_a_server_that_is_gone_is_no_run_that_goes_on(
+    look: Look, daemon: Central, user: Client
+) -> None:
     page = look(daemon.journal)
     reason = page.locator(".row[data-task='1'] .why")
     expect(reason).to_contain_text("for a module that handles walk, for ")
@@ -132,7 +144,9 @@ def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Centra
     assert page.evaluate("tca.store.isLive")
 
 
-def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, daemon: Central, user: Client) -> None:
+def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(
+    look: Look, daemon: Central, user: Client
+) -> None:
     go_on, legs = Semaphore(0), Module("legs", daemon.address)
 
     @legs.handles(WALK)
@@ -152,7 +166,9 @@ def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, d
         go_on.release(10)
         until(page, has_rows(33))
         assert top_of(page, ".row.chosen") == before
-        page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 16 * 24; }")  # he looks elsewhere
+        page.locator("#rows").evaluate(
+            "(rows) => { rows.scrollTop = 16 * 24; }"
+        )  # he looks elsewhere
         seen = f".row[data-task='{moves[6].id}']"
         until(page, f'!!document.querySelector("{seen}")')
         before = top_of(page, seen)
@@ -166,5 +182,7 @@ def has_rows(number: int) -> str:
 
 
 def top_of(page: Page, row: str) -> float:
-    """Where a row stands on the screen: asked at once, since rows are made anew with every message."""
+    """Where a row stands on the screen: asked at once, since rows are made anew with every
+    message.
+    """
     return float(page.evaluate(f'document.querySelector("{row}").getBoundingClientRect().top'))

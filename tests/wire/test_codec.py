@@ -1,4 +1,6 @@
-"""Packets: everything that goes in comes out, and no bytes whatever get past as something else than ProtocolError."""
+"""Packets: everything that goes in comes out, and no bytes whatever get past as something else than
+ProtocolError.
+"""
 
 import re
 from contextlib import suppress
@@ -52,8 +54,11 @@ def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
 @given(st.binary(max_size=200))
 def test_no_bytes_do_worse_than_a_protocol_error(packet: bytes) -> None:
     for unpack in (
-        codec.unpack_to_central, codec.unpack_to_module, direct.unpack_to_entrance, direct.unpack_from_entrance,
-    ):  # fmt: skip
+        codec.unpack_to_central,
+        codec.unpack_to_module,
+        direct.unpack_to_entrance,
+        direct.unpack_from_entrance,
+    ):
         with suppress(ProtocolError):
             unpack(packet)
 
@@ -90,7 +95,9 @@ def test_the_bytes_are_those_of_the_documentation() -> None:
 def test_a_hello_of_a_later_version_can_be_read() -> None:
     """So that who speaks it is told which version central speaks."""
     hello = headers.Hello(1, headers.PROTOCOL_VERSION + 1, "legs", "run")
-    later = msgspec.msgpack.encode([*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7])
+    later = msgspec.msgpack.encode(
+        [*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7]
+    )
     packet = codec.pack_item(hello).replace(msgspec.msgpack.encode(hello), b"")
     packet = len(later).to_bytes(4, "big") + packet[4:8] + later
     assert codec.unpack_to_central(packet) == [(hello, b"")]
@@ -103,10 +110,16 @@ def test_a_header_that_leaves_no_room_for_a_body_is_found_before_it_is_sent() ->
     assert not codec.misfit(headers.Ask(1, "status"))
 
 
-CONSTRAINT = Constraint(Point(TaskId(1), Moment.END_ACHIEVING), Point(TaskId(2), Moment.START_ACHIEVING))
+CONSTRAINT = Constraint(
+    Point(TaskId(1), Moment.END_ACHIEVING), Point(TaskId(2), Moment.START_ACHIEVING)
+)
 FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
     "items": ([(headers.GiveUp(0), b"")], Limit.ITEMS, "items of together"),
-    "parts of one header": ([(headers.Constrain(0, [CONSTRAINT] * (Limit.LIST + 1)), b"")], 0, "length <= 1000"),
+    "parts of one header": (
+        [(headers.Constrain(0, [CONSTRAINT] * (Limit.LIST + 1)), b"")],
+        0,
+        "length <= 1000",
+    ),
     "parts of several": ([(headers.Constrain(0, [CONSTRAINT] * 667), b"")], 2, "entries"),
     "bytes of several": ([(headers.Reply(1), bytes(Limit.TOGETHER - 100))], 1, "items of together"),
     "bytes of a header": ([(headers.Fail(1, "x" * Limit.HEADER), b"")], 0, "with headers of"),
@@ -115,7 +128,9 @@ FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
 
 @pytest.mark.parametrize("what", FLOODS)
 def test_one_packet_is_not_much_work_for_central(what: str) -> None:
-    """What it may hold is taken; one more item, and all of it is refused before there is any work."""
+    """What it may hold is taken; one more item, and all of it is refused before there is any
+    work.
+    """
     items, most, why = FLOODS[what]
     if most:
         assert len(codec.unpack_to_central(codec.pack(items * most))) == most
@@ -126,7 +141,11 @@ def test_one_packet_is_not_much_work_for_central(what: str) -> None:
 @pytest.mark.parametrize("what", FLOODS)
 def test_what_is_sent_is_divided_into_packets_that_central_takes(what: str) -> None:
     items, most, _ = FLOODS[what]
-    items = items * (2 * most + 1) if most else [(headers.Constrain(0, [CONSTRAINT] * Limit.LIST), b"")] * 5
+    items = (
+        items * (2 * most + 1)
+        if most
+        else [(headers.Constrain(0, [CONSTRAINT] * Limit.LIST), b"")] * 5
+    )
     packets = list(codec.packets(items))
     assert len(packets) == 3
     assert [before for before, _ in packets] == list(range(0, len(items), most or 2))

@@ -1,4 +1,6 @@
-"""Declarations that refer to others: parts of monitors, kinds of failures. What can't get its data is refused at once."""
+"""Declarations that refer to others: parts of monitors, kinds of failures. What can't get its data
+is refused at once.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +31,12 @@ IS_GONE, IS_DARK = Query("is it gone", str, reply=bool), Query("is it dark", rep
 SEEN: Any = Query("seen", reply=Cup | None)
 LEVEL: Any = Query("level", reply=float | bool)
 ANYTHING = Query("anything", Any, reply=Any)
-TAKE_CUP, TAKE_MUG, TAKE_ANY, GO = Goal("take", Cup), Goal("take", Mug), Goal("take any", Any), Goal("go", Place)
+TAKE_CUP, TAKE_MUG, TAKE_ANY, GO = (
+    Goal("take", Cup),
+    Goal("take", Mug),
+    Goal("take any", Any),
+    Goal("go", Place),
+)
 STOP, SAY, SINK = Command("stop"), Inform("say", str), Command("sink", float)
 NONE: Any = None
 
@@ -64,7 +71,8 @@ def test_what_a_demon_monitor_sends_fits_its_data() -> None:
     for what, part in (("set-up", "set_up"), ("cancel message", "cancel")):
         option: Any = {part: SAY}
         with pytest.raises(
-            BadFormat, match=f"the {what} 'say' of demon monitor 'watch' wants data of type str, and gets"
+            BadFormat,
+            match=f"the {what} 'say' of demon monitor 'watch' wants data of type str, and gets",
         ):
             DemonMonitor("watch", Cup, **option)
 
@@ -83,8 +91,11 @@ def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> N
         assert Failure("scrape", has, kind_of=Failure("collision", wants)).kinds == ["collision"]
     for has, wants in misfit:
         with pytest.raises(
-            BadFormat, match=r"'scrape' has data of type .*, and 'collision', of which it is a kind, .*, wh"
+            BadFormat,
+            match=r"'scrape' has data of type .*, and 'collision', of which it is a kind, .*, wh",
         ):
             Failure("scrape", has, kind_of=Failure("collision", wants))
-    with pytest.raises(BadFormat, match="failure 'slid' can't be a kind of 'slipped': give the declaration"):
+    with pytest.raises(
+        BadFormat, match="failure 'slid' can't be a kind of 'slipped': give the declaration"
+    ):
         Failure("slid", kind_of="slipped")  # type: ignore[call-overload]

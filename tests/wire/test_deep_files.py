@@ -16,9 +16,16 @@ from tca_wire.keys import read_client_key
 
 @pytest.mark.parametrize(
     ("read", "error"),
-    [(read_rules, PermissionsError), (load, BadUserFile), (read_model, BadUserFile), (read_client_key, KeyRefused)],
+    [
+        (read_rules, PermissionsError),
+        (load, BadUserFile),
+        (read_model, BadUserFile),
+        (read_client_key, KeyRefused),
+    ],
 )
-def test_a_file_that_is_nested_too_deeply(tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]) -> None:
+def test_a_file_that_is_nested_too_deeply(
+    tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]
+) -> None:
     path = tmp_path / "file.toml"
     path.touch(0o600)
     path.write_text(f"key = {'[' * 5000}")

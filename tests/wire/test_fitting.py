@@ -195,7 +195,9 @@ def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values:
         if wanted is Fall and sent is not Fall:
             continue  # its tag is made up where none comes, and what has one is declared with it
         misfit = first_misfit(schema_text(kind(sent)), schema_text(kind(wanted)))
-        assert (misfit is None) == reads(values, kind(sent), kind(wanted)), f"{sent} to {wanted}: {misfit}"
+        assert (misfit is None) == reads(values, kind(sent), kind(wanted)), (
+            f"{sent} to {wanted}: {misfit}"
+        )
 
 
 @pytest.mark.parametrize(("one", "_values"), TYPES, ids=str)
@@ -207,34 +209,49 @@ def test_of_anything_nobody_can_tell_and_anything_takes_all(one: Any, _values: l
 
 
 def test_a_misfit_says_where_and_what_is_wanted(approve: Callable[..., None]) -> None:
-    approve("misfits.txt", lambda case: first_misfit(*(schema_text(kind(one)) for one in eval(case))))
+    approve(
+        "misfits.txt", lambda case: first_misfit(*(schema_text(kind(one)) for one in eval(case)))
+    )
 
 
 def test_what_may_be_left_out_does_not_fit_where_it_is_needed() -> None:
     """Whether it is left out a format does not tell: of a dataclass with a default it never is."""
-    assert first_misfit(schema_text(Sparse), schema_text(Leg)) == "$.leg: required here, optional there"
+    assert (
+        first_misfit(schema_text(Sparse), schema_text(Leg))
+        == "$.leg: required here, optional there"
+    )
 
 
 def a_type(**fields: str) -> dict[str, Any]:
-    of = {name: {"$ref": f"#/$defs/{kind}"} if kind.isupper() else {"type": kind} for name, kind in fields.items()}
+    of = {
+        name: {"$ref": f"#/$defs/{kind}"} if kind.isupper() else {"type": kind}
+        for name, kind in fields.items()
+    }
     return {"type": "object", "properties": of, "required": list(fields)}
 
 
-def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believed_in_the_next() -> None:
+def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believed_in_the_next() -> (
+    None
+):
     """U fits V if T fits X, which it does not: so T does not fit W either."""
     sent = {"$ref": "#/$defs/T", "$defs": {"T": a_type(a="U", z="string"), "U": a_type(b="T")}}
-    defs: dict[str, Any] = {"X": a_type(a="V", z="integer"), "V": a_type(b="X"), "W": a_type(a="V", z="string")}
+    defs: dict[str, Any] = {
+        "X": a_type(a="V", z="integer"),
+        "V": a_type(b="X"),
+        "W": a_type(a="V", z="string"),
+    }
     for names in itertools.permutations("XW"):
         wanted = {"anyOf": [{"$ref": f"#/$defs/{name}"} for name in names], "$defs": defs}
-        assert first_misfit(json.dumps(sent), json.dumps(wanted)) == "$: X or W here, object there".replace(
-            "X or W", " or ".join(names)
-        )
+        assert first_misfit(
+            json.dumps(sent), json.dumps(wanted)
+        ) == "$: X or W here, object there".replace("X or W", " or ".join(names))
     defs["V"] = a_type(b="W")
     assert first_misfit(json.dumps(sent), json.dumps({"$ref": "#/$defs/W", "$defs": defs})) is None
 
 
 @pytest.mark.parametrize(
-    "nonsense", ["", "{", "5", "[]", '{"anyOf":5}', '{"$ref":"#/$defs/A"}', '{"type":"array","prefixItems":5}']
+    "nonsense",
+    ["", "{", "5", "[]", '{"anyOf":5}', '{"$ref":"#/$defs/A"}', '{"type":"array","prefixItems":5}'],
 )
 def test_no_text_at_all_breaks_the_comparison(nonsense: str) -> None:
     for other in (schema_text(tuple[int, int]), '{"items":' * 2000 + "1" + "}" * 2000):

@@ -1,4 +1,6 @@
-"""User data: what fits passes unchanged, what does not is named by its field; formats are compared by shape."""
+"""User data: what fits passes unchanged, what does not is named by its field; formats are compared
+by shape.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -85,17 +87,35 @@ def test_numpy_arrays_travel_unchanged_and_can_be_written_to() -> None:
 
 
 STRUCTURED = np.dtype(
-    [("position", "<f4", (3,)), ("ring", "u1"), ("at", "<M8[ns]"), ("pair", [("a", "<i2"), ("b", "S4")])]
+    [
+        ("position", "<f4", (3,)),
+        ("ring", "u1"),
+        ("at", "<M8[ns]"),
+        ("pair", [("a", "<i2"), ("b", "S4")]),
+    ]
 )
 OVERLAPPING = np.dtype({"names": ["a", "b"], "formats": ["<i4", "<i2"], "offsets": [0, 2]})
 
 
 @pytest.mark.parametrize(
     "dtype",
-    ["?", "i1", "<u8", ">f8", "<f2", "<c16", "S5", "<U3", "V10", "<M8[ms]", "<m8[D]", STRUCTURED,
-     np.dtype([("x", "i1"), ("y", "<f8")], align=True)],
+    [
+        "?",
+        "i1",
+        "<u8",
+        ">f8",
+        "<f2",
+        "<c16",
+        "S5",
+        "<U3",
+        "V10",
+        "<M8[ms]",
+        "<m8[D]",
+        STRUCTURED,
+        np.dtype([("x", "i1"), ("y", "<f8")], align=True),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_an_array_keeps_its_dtype(dtype: Any) -> None:
     sent = np.frombuffer(bytes(range(1, 1 + 2 * np.dtype(dtype).itemsize)), dtype).reshape(2, 1)
     got = Format[Any](np.ndarray).decode(Format[Any](np.ndarray).encode(sent))
@@ -104,10 +124,13 @@ def test_an_array_keeps_its_dtype(dtype: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "dtype", ["|O", "<f4", [["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]]
+    "dtype",
+    ["|O", "<f4", [["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]],
 )
 def test_a_damaged_description_of_an_array_is_refused(dtype: Any) -> None:
-    lie = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, [1], b"12345678"])))
+    lie = msgspec.msgpack.encode(
+        msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, [1], b"12345678"]))
+    )
     with pytest.raises(BadData, match="damaged array"):
         Format[Any](np.ndarray).decode(lie)
 
@@ -152,13 +175,17 @@ def test_data_is_sent_if_it_is_whole_in_another_form(kind: Any, value: Any) -> N
     Format[Any](kind).encode(value)
 
 
-@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x91" * 2000, b"\xa2\xff\xff", b"\xc7\x01\x01\x90"])
+@pytest.mark.parametrize(
+    "data", [b"", b"\xc1", b"\x91" * 2000, b"\xa2\xff\xff", b"\xc7\x01\x01\x90"]
+)
 def test_bytes_that_are_no_value_are_refused(data: bytes) -> None:
     with pytest.raises(BadData):
         Format[Any](Scan).decode(data)
 
 
-@pytest.mark.parametrize("kind", [Exception, "nonsense", lambda: 1, dict[Pose, int] | list[int] | set[int]])
+@pytest.mark.parametrize(
+    "kind", [Exception, "nonsense", lambda: 1, dict[Pose, int] | list[int] | set[int]]
+)
 def test_types_that_are_no_format_are_refused(kind: Any) -> None:
     with pytest.raises(BadFormat):
         Format[Any](kind)

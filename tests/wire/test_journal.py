@@ -1,4 +1,6 @@
-"""Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong fact."""
+"""Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong
+fact.
+"""
 
 import io
 import os
@@ -15,7 +17,17 @@ from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal import frames
-from tca_wire.journal.facts import JOURNAL_VERSION, Delivered, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
+from tca_wire.journal.facts import (
+    JOURNAL_VERSION,
+    Delivered,
+    Dropped,
+    Entry,
+    Fact,
+    Opened,
+    Reached,
+    Returned,
+    kind_of,
+)
 from tca_wire.journal.frames import MAX_RECORD
 from tca_wire.journal.records import JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
@@ -43,7 +55,11 @@ def test_a_torn_tail_keeps_every_whole_entry() -> None:
     for cut in (0, *range(ENDS[1], len(BYTES) + 1)):
         whole = max(count for count, end in enumerate(ENDS) if end <= cut)
         entries, reader = read(BYTES[:cut])
-        assert (entries, reader.offset, reader.torn) == (ENTRIES[:whole], ENDS[whole], cut - ENDS[whole])
+        assert (entries, reader.offset, reader.torn) == (
+            ENTRIES[:whole],
+            ENDS[whole],
+            cut - ENDS[whole],
+        )
 
 
 @pytest.mark.parametrize("bit", range(8))
@@ -62,10 +78,11 @@ def check_flipped(at: int, entries: list[Entry], reader: JournalReader) -> None:
 
 
 def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() -> None:
-    older = b"".join(framed([number, 0.0, told]) for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []]))
-    said = (
-        f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
+    older = b"".join(
+        framed([number, 0.0, told])
+        for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
     )
+    said = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
     with pytest.raises(JournalDamaged, match=said):
         read(older)
 
@@ -77,7 +94,10 @@ def test_a_journal_of_the_version_before_this_one_is_read() -> None:
         ["returned", 1, "done", b""],
     ]
     entries, reader = read(framed([0, 0.0, told]))
-    assert entries[0].facts[1:] == [Delivered(1, 1, "legs", "legs", 1), Returned(1, Outcome.DONE, b"")]
+    assert entries[0].facts[1:] == [
+        Delivered(1, 1, "legs", "legs", 1),
+        Returned(1, Outcome.DONE, b""),
+    ]
     assert (reader.version, reader.unknown) == (4, 0)
 
 
@@ -92,13 +112,19 @@ def flipped(*places: int) -> bytes:
 def test_entries_that_are_damaged_inside_are_passed_over(numbers: list[int]) -> None:
     starts = [*ENDS[:-1], len(BYTES)]
     entries, reader = read(flipped(*(starts[number] + 14 for number in numbers)))
-    assert [entry.number for entry in entries] == [number for number in range(5) if number not in numbers]
+    assert [entry.number for entry in entries] == [
+        number for number in range(5) if number not in numbers
+    ]
     assert reader.holes == [starts[number] for number in numbers]
     assert (reader.offset, reader.torn) == (len(flipped()), 0)
 
 
-@pytest.mark.parametrize("places", [(ENDS[1] + 14, ENDS[2] + 1), (ENDS[1], ENDS[2] + 14), (ENDS[1] + 2, ENDS[2] + 5)])
-def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(places: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(
+    "places", [(ENDS[1] + 14, ENDS[2] + 1), (ENDS[1], ENDS[2] + 14), (ENDS[1] + 2, ENDS[2] + 5)]
+)
+def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(
+    places: tuple[int, ...],
+) -> None:
     entries, reader = read(flipped(*places))
     assert [entry.number for entry in entries] == [0, 3, 4]
     assert (reader.holes, reader.is_counted, reader.torn) == ([ENDS[1]], False, 0)
@@ -107,11 +133,16 @@ def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(places
 def long_journal(entries: int = 3000) -> list[Entry]:
     return [
         ENTRIES[0],
-        *(Entry(number, number / 8, [Dropped(number, "any", "x" * 90)]) for number in range(1, entries)),
+        *(
+            Entry(number, number / 8, [Dropped(number, "any", "x" * 90)])
+            for number in range(1, entries)
+        ),
     ]
 
 
-@pytest.mark.parametrize("filler", [b"", bytes(50_000), b"\xce" * 50_000, b"\xce\x00\x00\x00\x20" * 20_000])
+@pytest.mark.parametrize(
+    "filler", [b"", bytes(50_000), b"\xce" * 50_000, b"\xce\x00\x00\x00\x20" * 20_000]
+)
 def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) -> None:
     whole = long_journal()
     data = b"".join(map(record, whole))
@@ -120,7 +151,9 @@ def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) 
     ends = [0]
     for entry in whole:
         ends.append(ends[-1] + len(record(entry)))
-    assert entries == [one for one in whole if ends[one.number + 1] <= at or ends[one.number] >= behind]
+    assert entries == [
+        one for one in whole if ends[one.number + 1] <= at or ends[one.number] >= behind
+    ]
     assert (len(reader.holes), reader.torn) == (1, 0)
 
 
@@ -140,11 +173,19 @@ def test_damage_with_nothing_sound_behind_it_is_named_by_its_byte() -> None:
 
 def test_what_a_message_holds_is_no_entry_of_the_journal_it_stands_in() -> None:
     """A module sends a part of the journal so far; the frame of the entry with it is damaged."""
-    held = Entry(4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))])
+    held = Entry(
+        4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))]
+    )
     data = bytearray(BYTES + record(Entry(3, 1.0, [])) + record(held) + record(Entry(5, 2.0, [])))
     data[len(BYTES) + len(record(Entry(3, 1.0, []))) + 1] ^= 1
     entries, _ = read(bytes(data))
-    assert [(entry.number, entry.time) for entry in entries] == [(0, 0.0), (1, 0.5), (2, 0.75), (3, 1.0), (5, 2.0)]
+    assert [(entry.number, entry.time) for entry in entries] == [
+        (0, 0.0),
+        (1, 0.5),
+        (2, 0.75),
+        (3, 1.0),
+        (5, 2.0),
+    ]
 
 
 class Counting(io.BytesIO):
@@ -163,12 +204,17 @@ COUNT = 50_000
 
 def lies() -> bytes:
     """Each of many frames promises a record as long as the rest of the file."""
-    frames = (struct.pack(">BIBIB", 0xCE, 11 * (COUNT - number) - 10, 0xCE, 7, 0x93) for number in range(COUNT))
+    frames = (
+        struct.pack(">BIBIB", 0xCE, 11 * (COUNT - number) - 10, 0xCE, 7, 0x93)
+        for number in range(COUNT)
+    )
     return BYTES + b"\xce" + b"".join(frames) + record(Entry(3, 1.0, []))
 
 
 def leaps() -> bytes:
-    """Between good entries stand frames that all lead to the same frames behind them, which lead to nothing."""
+    """Between good entries stand frames that all lead to the same frames behind them, which lead to
+    nothing.
+    """
     good = [record(Entry(3 + number, 1.0, [])) for number in range(COUNT)]
     size = sum(10 + len(one) for one in good)
     parts = [BYTES]
@@ -185,32 +231,48 @@ def leaps() -> bytes:
 
 def every_other() -> bytes:
     """Every other entry has no frame any more."""
-    return BYTES + b"".join(bytes(30) + record(Entry(3 + number, 1.0, [])) for number in range(COUNT))
+    return BYTES + b"".join(
+        bytes(30) + record(Entry(3 + number, 1.0, [])) for number in range(COUNT)
+    )
 
 
-@pytest.mark.parametrize(("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)])
-def test_what_leads_nowhere_costs_no_more_than_a_few_times_the_file(made: Callable[[], bytes], entries: int) -> None:
+@pytest.mark.parametrize(
+    ("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
+)
+def test_what_leads_nowhere_costs_no_more_than_a_few_times_the_file(
+    made: Callable[[], bytes], entries: int
+) -> None:
     stream = Counting(made())
     size = len(stream.getbuffer())
     reader = JournalReader(stream)
-    assert entries * 0.99 < sum(1 for _ in reader) <= entries  # where it would cost too much, some are not found
+    assert (
+        entries * 0.99 < sum(1 for _ in reader) <= entries
+    )  # where it would cost too much, some are not found
     assert reader._in_vain <= MAX_RECORD + 9 * size  # what checksums were made of
     assert stream.taken <= 2 * reader._in_vain + 4 * size
 
 
-# --- what this version does not know -------------------------------------------------------------------------------
+# --- what this version does not know --------------------------------------------------------------
 
 
 def framed(*values: object) -> bytes:
     """Entries that no central of this version writes."""
     payloads = [msgpack.packb(value) for value in values]
-    return b"".join(struct.pack(">BIBI", 0xCE, len(one), 0xCE, zlib.crc32(one)) + one for one in payloads)
+    return b"".join(
+        struct.pack(">BIBI", 0xCE, len(one), 0xCE, zlib.crc32(one)) + one for one in payloads
+    )
 
 
 def test_facts_that_this_version_does_not_know_are_left_out() -> None:
-    entries, reader = read(BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"]))
+    entries, reader = read(
+        BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"])
+    )
     assert entries == [*ENTRIES, Entry(3, 1.0, [Reached(TaskId(3), 1)])]
-    assert (reader.unknown, reader.holes, reader.version) == (2, [], JOURNAL_VERSION)  # a fact, and a cause
+    assert (reader.unknown, reader.holes, reader.version) == (
+        2,
+        [],
+        JOURNAL_VERSION,
+    )  # a fact, and a cause
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300, "noon"])
@@ -220,7 +282,9 @@ def test_entries_at_a_time_that_is_none_are_passed_over(time: object) -> None:
     assert (reader.holes, reader.is_counted) == ([len(BYTES)], True)
 
 
-@pytest.mark.parametrize("opened", [["opened", 99, "epoch", 1, 1e9, "9.0"], ["opened", 99, {"all": "new"}]])
+@pytest.mark.parametrize(
+    "opened", [["opened", 99, "epoch", 1, 1e9, "9.0"], ["opened", 99, {"all": "new"}]]
+)
 def test_of_a_journal_of_a_later_version_what_is_known_is_read(opened: list[object]) -> None:
     entries, reader = read(framed([0, 0.0, [opened]], [1, 1.0, [["walked", 3], ["reached", 3, 1]]]))
     assert [len(entry.facts) for entry in entries] == [len(opened) == 6, 1]
@@ -229,7 +293,9 @@ def test_of_a_journal_of_a_later_version_what_is_known_is_read(opened: list[obje
 
 @pytest.mark.parametrize("number", [-1, 1 << 63, (1 << 64) - 1])
 def test_an_entry_of_a_number_that_central_never_gives_is_damaged(number: int) -> None:
-    entries, reader = read(BYTES + framed([number, 1.0, [["reached", 3, 1]]], [3, 1.0, [["reached", 3, 1]]]))
+    entries, reader = read(
+        BYTES + framed([number, 1.0, [["reached", 3, 1]]], [3, 1.0, [["reached", 3, 1]]])
+    )
     assert entries == [*ENTRIES, Entry(3, 1.0, [Reached(TaskId(3), 1)])]
     assert reader.holes == [len(BYTES)]
 
@@ -268,7 +334,13 @@ def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int)
 
 
 @pytest.mark.parametrize(
-    "data", [b"hello, I am a text file that is long enough", bytes(100), b"\xce" * 50, b"\x89PNG\r\n\x1a\n" * 4]
+    "data",
+    [
+        b"hello, I am a text file that is long enough",
+        bytes(100),
+        b"\xce" * 50,
+        b"\x89PNG\r\n\x1a\n" * 4,
+    ],
 )
 def test_foreign_files_are_refused(data: bytes) -> None:
     with pytest.raises(JournalDamaged, match="walk: not a journal of tca central"):
@@ -311,8 +383,12 @@ class Written(io.BytesIO):
 
 @given(st.integers(ENDS[1], len(BYTES)), st.lists(st.integers(0, 40), max_size=30))
 def test_who_reads_while_central_writes_sees_no_damage(begun: int, more: list[int]) -> None:
-    """A record that is not whole yet may be, and another behind it, when the reader looks once more."""
-    data = BYTES + b"".join(record(Entry(number, float(number), ENTRIES[2].facts)) for number in range(3, 12))
+    """A record that is not whole yet may be, and another behind it, when the reader looks once
+    more.
+    """
+    data = BYTES + b"".join(
+        record(Entry(number, float(number), ENTRIES[2].facts)) for number in range(3, 12)
+    )
     reader = JournalReader(Written(data, begun, list(more)), "walk")
     found = [entry for _ in range(len(more) + 2) for entry in reader]
     assert [entry.number for entry in found] == list(range(12))

@@ -1,5 +1,5 @@
-"""Life cycles as tables: the built-in ones are the figures of Lütkebohle et al., and a table by which no task could go is
-refused when it is made.
+"""Life cycles as tables: the built-in ones are the figures of Lütkebohle et al., and a table by
+which no task could go is refused when it is made.
 """
 
 from collections.abc import Callable
@@ -45,7 +45,9 @@ FIGURE_10: set[Row] = {
     ("running", "cancel", "cancel requested", CLIENT),
     ("cancel requested", "cancel failed", "running", SERVER),
     ("cancel requested", "aborted", "cancelled", SERVER),
-    *((state, "result available", state, SERVER) for state in ACTIVE),  # the figure draws these three at "Active"
+    *(
+        (state, "result available", state, SERVER) for state in ACTIVE
+    ),  # the figure draws these three at "Active"
     *((state, "completed", "done", SERVER) for state in ACTIVE),
     *((state, "failed", "cancelled", SERVER) for state in ACTIVE),
 }
@@ -103,8 +105,13 @@ def test_what_a_server_may_say_to_what_a_client_asks() -> None:
     assert failed is not None
     assert failed.name == "cancel failed"
     assert GENERAL.grant("cancel requested") is None
-    assert [state for state in GENERAL.states if GENERAL.ends_on_request(state)] == ["cancel requested"]
-    assert not any(BASIC.refusal(state) or BASIC.grant(state) or BASIC.ends_on_request(state) for state in BASIC.states)
+    assert [state for state in GENERAL.states if GENERAL.ends_on_request(state)] == [
+        "cancel requested"
+    ]
+    assert not any(
+        BASIC.refusal(state) or BASIC.grant(state) or BASIC.ends_on_request(state)
+        for state in BASIC.states
+    )
 
 
 def test_an_end_has_the_name_that_the_table_gives_it() -> None:
@@ -119,7 +126,10 @@ def test_an_end_has_the_name_that_the_table_gives_it() -> None:
     assert own.ending("running", "cancelled", Outcome.FAILED) == "failed"
 
 
-PAUSE = [Transition("pause", "running", "paused", CLIENT), Transition("resume", "paused", "running", CLIENT)]
+PAUSE = [
+    Transition("pause", "running", "paused", CLIENT),
+    Transition("resume", "paused", "running", CLIENT),
+]
 STRANGE: Any = "strange"
 
 
@@ -133,8 +143,14 @@ def test_a_table_by_which_no_task_could_go_is_refused(approve: Callable[..., Non
 
 
 def test_its_first_state_and_its_ends_are_three() -> None:
-    for same in ({"done": "over", "cancelled": "over"}, {"done": "initiated"}, {"initial": "cancelled"}):
-        with pytest.raises(BadFormat, match="its first state and its two ends must be three states"):
+    for same in (
+        {"done": "over", "cancelled": "over"},
+        {"done": "initiated"},
+        {"initial": "cancelled"},
+    ):
+        with pytest.raises(
+            BadFormat, match="its first state and its two ends must be three states"
+        ):
             LifeCycle("odd", RUN, **same)
     with pytest.raises(BadFormat, match="no name"):
         LifeCycle("", RUN)
@@ -142,9 +158,15 @@ def test_its_first_state_and_its_ends_are_three() -> None:
 
 def test_states_have_the_names_of_the_table() -> None:
     own = LifeCycle(
-        "polite", [Transition("begin", "asked", "at work"), *ending("at work", done="thanked", cancelled="sorry")],
-        initial="asked", done="thanked", cancelled="sorry",
-    )  # fmt: skip
+        "polite",
+        [
+            Transition("begin", "asked", "at work"),
+            *ending("at work", done="thanked", cancelled="sorry"),
+        ],
+        initial="asked",
+        done="thanked",
+        cancelled="sorry",
+    )
     assert own.states == ("asked", "at work", "thanked", "sorry")
     assert (own.active, own.accepted.name) == (("at work",), "begin")
     assert [own.is_over(state) for state in own.states] == [False, False, True, True]
@@ -157,12 +179,24 @@ def test_a_table_goes_into_the_declaration_and_comes_out_the_same() -> None:
     assert Command("grasp").format.life_cycle == ""  # as in the journals and packets of before
     assert read_life_cycle("") is GENERAL
     assert read_life_cycle(GENERAL.text) == GENERAL
-    others = [BASIC, pausable, LifeCycle("pausable", GENERAL.transitions), LifeCycle("general", BASIC.transitions)]
+    others = [
+        BASIC,
+        pausable,
+        LifeCycle("pausable", GENERAL.transitions),
+        LifeCycle("general", BASIC.transitions),
+    ]
     assert len({GENERAL, *others}) == 5
 
 
 @pytest.mark.parametrize(
-    "text", ["nonsense", "[]", '["odd","initiated","done","cancelled"]', '["odd","a","b","c",[["x"]]]', "[" * 100_000]
+    "text",
+    [
+        "nonsense",
+        "[]",
+        '["odd","initiated","done","cancelled"]',
+        '["odd","a","b","c",[["x"]]]',
+        "[" * 100_000,
+    ],
 )
 def test_text_that_is_no_table_is_refused(text: str) -> None:
     with pytest.raises(BadFormat, match="no table of a life cycle"):
@@ -172,7 +206,8 @@ def test_text_that_is_no_table_is_refused(text: str) -> None:
 def test_a_message_takes_a_life_cycle_only() -> None:
     for odd in ("general", None, GENERAL.transitions):
         with pytest.raises(
-            BadFormat, match="the life cycle of command 'grasp' must be a LifeCycle, such as GENERAL, not"
+            BadFormat,
+            match="the life cycle of command 'grasp' must be a LifeCycle, such as GENERAL, not",
         ):
             Command("grasp", life_cycle=odd)  # type: ignore[call-overload]
 
@@ -185,13 +220,24 @@ TRANSITIONS = st.builds(Transition, NAMES, st.sampled_from(ALIVE) | STATES, STAT
 
 @given(st.lists(TRANSITIONS, max_size=5))
 def test_in_what_is_not_refused_every_task_can_begin_and_end(more: list[Transition]) -> None:
-    """A table is refused just if one of these is not so; told again here, by going all ways of a few steps."""
-    table = [ACCEPTED, Transition("completed", "running", "done"), Transition("failed", "running", "cancelled"), *more]
+    """A table is refused just if one of these is not so; told again here, by going all ways of a
+    few steps.
+    """
+    table = [
+        ACCEPTED,
+        Transition("completed", "running", "done"),
+        Transition("failed", "running", "cancelled"),
+        *more,
+    ]
 
     def reached(start: str, *, by_client: bool) -> set[str]:
         met = {start}
         for _ in range(5):
-            met |= {one.target for one in table if one.source in met and (by_client or one.by is not CLIENT)}
+            met |= {
+                one.target
+                for one in table
+                if one.source in met and (by_client or one.by is not CLIENT)
+            }
         return met
 
     states = {"initiated", "done", "cancelled"} | {one.target for one in table}

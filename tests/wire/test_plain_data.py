@@ -1,4 +1,6 @@
-"""Plain values as data of a format of which only the schema is known: what fits arrives, what does not is named."""
+"""Plain values as data of a format of which only the schema is known: what fits arrives, what does
+not is named.
+"""
 
 import json
 from collections.abc import Callable
@@ -109,15 +111,28 @@ def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -
     assert fitting(kind, json.loads(text)) == fitting(kind, Bare(text)) == value
 
 
-@given(st.recursive(st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats(allow_nan=False) | st.text(),
-                    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))  # fmt: skip
+@given(
+    st.recursive(
+        st.none()
+        | st.booleans()
+        | st.integers(-(2**63), 2**63)
+        | st.floats(allow_nan=False)
+        | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    )
+)
 @settings(max_examples=lives(10, soak=100))
 def test_a_format_without_rules_takes_everything(value: object) -> None:
     assert fitting(Any, value) == value
 
 
 def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
-    typed = {"leg": Bare("3"), "to": {"x": Bare("1")}, "side": Bare("right"), "notes": Bare('["a", "5"]')}
+    typed = {
+        "leg": Bare("3"),
+        "to": {"x": Bare("1")},
+        "side": Bare("right"),
+        "notes": Bare('["a", "5"]'),
+    }
     assert fitting(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
     assert fitting(str, Bare("5")) == "5"
     assert fitting(str, Bare('"five"')) == "five"
@@ -135,9 +150,15 @@ def test_what_does_not_fit_is_named_by_its_field(approve: Callable[..., None]) -
 
 
 def test_whether_a_format_has_fields() -> None:
-    with_fields = [kind for kind in (Pose, Pose | None, Circle | Line, dict[str, int], Any) if plain(kind).takes_fields]
+    with_fields = [
+        kind
+        for kind in (Pose, Pose | None, Circle | Line, dict[str, int], Any)
+        if plain(kind).takes_fields
+    ]
     assert len(with_fields) == 5
-    assert not any(plain(kind).takes_fields for kind in (int, str | None, list[Pose], Side, Pair, None))
+    assert not any(
+        plain(kind).takes_fields for kind in (int, str | None, list[Pose], Side, Pair, None)
+    )
 
 
 def plain(kind: Any) -> PlainFormat:
@@ -146,8 +167,18 @@ def plain(kind: Any) -> PlainFormat:
 
 def test_schemas_come_from_anybody() -> None:
     endless = '{"$ref":"#/$defs/A","$defs":{"A":{"$ref":"#/$defs/A"}}}'
-    for schema in ("", "no json", "[]", "3", endless, '{"type":["integer"]}', '{"pattern":"(","type":"string"}',
-                   '{"minimum":"a","type":"integer"}', '{"anyOf":3}', "[" * 5000):  # fmt: skip
+    for schema in (
+        "",
+        "no json",
+        "[]",
+        "3",
+        endless,
+        '{"type":["integer"]}',
+        '{"pattern":"(","type":"string"}',
+        '{"minimum":"a","type":"integer"}',
+        '{"anyOf":3}',
+        "[" * 5000,
+    ):
         values: list[Any] = ["a", 3, {"x": 1}, [], None]
         for value in values:
             try:
@@ -163,9 +194,13 @@ def test_schemas_come_from_anybody() -> None:
 
 def test_a_message_may_be_declared_by_its_schemas() -> None:
     typed = Command("move", Move, result=Pose)
-    untyped: Command[Any, Any] = Command("move", PlainFormat(typed.format.data), result=PlainFormat(typed.format.reply))
+    untyped: Command[Any, Any] = Command(
+        "move", PlainFormat(typed.format.data), result=PlainFormat(typed.format.reply)
+    )
     assert untyped.format == typed.format
-    with pytest.raises(BadData, match="command 'move' wants data of type Move: field 'leg' is missing"):
+    with pytest.raises(
+        BadData, match="command 'move' wants data of type Move: field 'leg' is missing"
+    ):
         untyped.encode_data({})
     assert untyped.decode_reply(typed.encode_reply(Pose(1.0))) == {"x": 1.0, "y": 0.0}
 

@@ -20,7 +20,10 @@ def test_a_wait_in_words(approve: Callable[..., None]) -> None:
 
 
 def test_a_suspension_says_how_long_ago() -> None:
-    assert in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0) == "until walk {2} is resumed (suspended 2 s ago)"
+    assert (
+        in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0)
+        == "until walk {2} is resumed (suspended 2 s ago)"
+    )
     wait = Wait(Kind.RESUME, module="panel", seconds=3.0)
     assert in_words(wait, 5.0) == "until it is resumed (suspended by panel 2 s ago)"
 
@@ -51,10 +54,18 @@ def test_a_delay_is_told_as_what_is_left_where_it_is_read_at_once() -> None:
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [
-        (0.0, "0 s"), (7.42e-4, "742 µs"), (9.996e-4, "1 ms"), (0.0123, "12.3 ms"), (0.32, "320 ms"), (1.5, "1.5 s"),
-        (119.4, "119 s"), (119.6, "2:00 min"), (725, "12:05 min"), (119346, "33:09:06 h"),
+        (0.0, "0 s"),
+        (7.42e-4, "742 µs"),
+        (9.996e-4, "1 ms"),
+        (0.0123, "12.3 ms"),
+        (0.32, "320 ms"),
+        (1.5, "1.5 s"),
+        (119.4, "119 s"),
+        (119.6, "2:00 min"),
+        (725, "12:05 min"),
+        (119346, "33:09:06 h"),
     ],
-)  # fmt: skip
+)
 def test_durations(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
@@ -62,6 +73,10 @@ def test_durations(seconds: float, text: str) -> None:
 def test_counts_and_lists() -> None:
     assert [counted(1, "task"), counted(105_061, "task")] == ["1 task", "105,061 tasks"]
     assert [times(1), times(2), times(1200)] == ["once", "twice", "1,200 times"]
-    assert [listed(["a"]), listed(["a", "b"]), listed(["a", "b", "c"])] == ["a", "a and b", "a, b and c"]
+    assert [listed(["a"]), listed(["a", "b"]), listed(["a", "b", "c"])] == [
+        "a",
+        "a and b",
+        "a, b and c",
+    ]
     assert listed(list("abcde"), 50) == "a, b, c and 52 more"
     assert [numbered("grip", 24), percent(0.041), run_time(1.5)] == ["grip {24}", "4.1%", "1.500 s"]

@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robots.youbot_sim.drives import Drives
-from robots.youbot_sim.kinematics import LIMITS, Grip, PoseUnreachable, grip_of, joints_for, tip_in_world
+from robots.youbot_sim.kinematics import (
+    LIMITS,
+    Grip,
+    PoseUnreachable,
+    grip_of,
+    joints_for,
+    tip_in_world,
+)
 from robots.youbot_sim.motion import ACCELERATIONS, SPEEDS, go_on, halt, plan
 from robots.youbot_sim.places import BOXES, POSES
 from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, Joints, Motion, ObjectPlace
@@ -17,7 +24,10 @@ TICK = 0.01
 
 
 @given(
-    azimuth=st.floats(-2.9, 2.9), reach=st.floats(0.1, 0.5), height=st.floats(0.05, 0.7), lean=st.floats(0.0, math.pi)
+    azimuth=st.floats(-2.9, 2.9),
+    reach=st.floats(0.1, 0.5),
+    height=st.floats(0.05, 0.7),
+    lean=st.floats(0.0, math.pi),
 )
 def test_the_joints_for_a_pose_bring_the_fingers_there(
     azimuth: float, reach: float, height: float, lean: float
@@ -28,7 +38,9 @@ def test_the_joints_for_a_pose_bring_the_fingers_there(
     except PoseUnreachable:
         return
     found = grip_of(joints)
-    assert (found.azimuth, found.reach, found.height, found.lean) == pytest.approx((azimuth, reach, height, lean))
+    assert (found.azimuth, found.reach, found.height, found.lean) == pytest.approx(
+        (azimuth, reach, height, lean)
+    )
     assert all(low <= angle <= high for angle, (low, high) in zip(joints, LIMITS, strict=True))
 
 
@@ -39,7 +51,9 @@ def test_a_pose_out_of_reach_is_refused_with_its_reason() -> None:
         joints_for(Grip(0.0, 0.2, 0.2, 0.3))
 
 
-@pytest.mark.parametrize(("place", "pose", "box"), [("B", "box B", BOXES[0]), ("C", "box C", BOXES[1])])
+@pytest.mark.parametrize(
+    ("place", "pose", "box"), [("B", "box B", BOXES[0]), ("C", "box C", BOXES[1])]
+)
 def test_at_each_place_the_arm_reaches_its_box(place: str, pose: str, box: object) -> None:
     x, y, height = tip_in_world(POSES["base"][place], POSES["arm"][pose])
     found = next(one for one in BOXES if one == box)
@@ -52,16 +66,24 @@ def steps(motion: Motion) -> list[Joints]:
 
 
 def differences(rows: list[Joints]) -> list[Joints]:
-    return [tuple((b - a) / TICK for a, b in zip(*pair, strict=True)) for pair in itertools.pairwise(rows)]
+    return [
+        tuple((b - a) / TICK for a, b in zip(*pair, strict=True))
+        for pair in itertools.pairwise(rows)
+    ]
 
 
 def check_limits(group: Group, joints: list[Joints], share: float = 1.0) -> None:
     """Differences of what the drives would follow."""
     speeds = differences(joints)
     changes = differences(speeds)
-    for rows, limits in ((speeds, tuple(share * one for one in SPEEDS[group])), (changes, ACCELERATIONS[group])):
+    for rows, limits in (
+        (speeds, tuple(share * one for one in SPEEDS[group])),
+        (changes, ACCELERATIONS[group]),
+    ):
         for row in rows:
-            assert all(abs(value) <= limit * 1.001 + 1e-6 for value, limit in zip(row, limits, strict=True))
+            assert all(
+                abs(value) <= limit * 1.001 + 1e-6 for value, limit in zip(row, limits, strict=True)
+            )
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -108,8 +130,13 @@ def test_drives_that_get_another_goal_on_the_way_brake_first() -> None:
     drives.drive(Drive("base", POSES["base"]["B"]), 0.0)
     way = [drives.joints("base", number * TICK) for number in range(200)]
     answer = drives.drive(Drive("base", POSES["base"]["A"]), 2.0)
-    way += [drives.joints("base", 2.0 + number * TICK) for number in range(math.ceil(answer.seconds / TICK) + 1)]
+    way += [
+        drives.joints("base", 2.0 + number * TICK)
+        for number in range(math.ceil(answer.seconds / TICK) + 1)
+    ]
     check_limits("base", way)
     assert way[-1] == pytest.approx(POSES["base"]["A"])
     assert not drives.is_moving("base", 2.0 + answer.seconds + TICK)
-    assert answer.joints(0.5 * answer.seconds) == pytest.approx(drives.joints("base", 2.0 + 0.5 * answer.seconds))
+    assert answer.joints(0.5 * answer.seconds) == pytest.approx(
+        drives.joints("base", 2.0 + 0.5 * answer.seconds)
+    )

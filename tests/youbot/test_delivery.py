@@ -1,4 +1,6 @@
-"""Figure 7 of the paper as real runs on a stepped clock: what was ahead, replaced, wasted; and what never is."""
+"""Figure 7 of the paper as real runs on a stepped clock: what was ahead, replaced, wasted; and what
+never is.
+"""
 
 import itertools
 import re
@@ -24,7 +26,16 @@ from tca_wire.coordination import TaskRole
 
 PAGE = Path(__file__).parents[2].joinpath("docs/preview-coordination.md").read_text()
 TO_B = ["taking", "going to B", "arm to box B", "dropping in B", "tucking", "going back", "homing"]
-TO_C = ["taking", "going to B", "going to C", "arm to box C", "dropping in C", "tucking", "going back", "homing"]
+TO_C = [
+    "taking",
+    "going to B",
+    "going to C",
+    "arm to box C",
+    "dropping in C",
+    "tucking",
+    "going back",
+    "homing",
+]
 
 
 def delivered(name: str) -> CarriedObject:
@@ -70,7 +81,9 @@ def test_without_a_preview_one_task_follows_the_other() -> None:
     plain = delivered("plain")
     assert states(list(plain.tasks)) == TO_C
     assert {task.roles for task in plain.tasks} == {(TaskRole.CURRENT,)}
-    assert all(before.end <= after.start + 1e-6 for before, after in itertools.pairwise(plain.tasks))
+    assert all(
+        before.end <= after.start + 1e-6 for before, after in itertools.pairwise(plain.tasks)
+    )
 
 
 @pytest.mark.soak
@@ -78,7 +91,9 @@ def test_what_each_schedule_saves() -> None:
     best, changed, plain = (delivered(name).seconds for name in ("best", "changed", "plain"))
     assert best < changed < plain
     free = read_delivery(deliver(Lid(), make_coordinator(has_preview=False)).entries)
-    assert free.seconds - best == pytest.approx(the(delivered("best"), "arm to box B").end - 1.35, abs=0.1)
+    assert free.seconds - best == pytest.approx(
+        the(delivered("best"), "arm to box B").end - 1.35, abs=0.1
+    )
 
 
 def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> None:
@@ -93,15 +108,25 @@ def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> No
             Coordinator(unlikely, policy=Discrete(0.01, likelihood)),
         )
     )
-    assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', looking) == plain, "but for the objections"
+    assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', looking) == plain, (
+        "but for the objections"
+    )
 
 
 def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_entered() -> None:
-    """With the continuous policy it gets faster as the base comes nearer, and is never stopped for that."""
+    """With the continuous policy it gets faster as the base comes nearer, and is never stopped for
+    that.
+    """
     coordinator = Coordinator(make_delivery(), policy=Continuous(from_=0.0, to=2.0))
     central = deliver(Lid(), coordinator)
-    first_arm = next(task for task in History.until(central.entries).tasks.values() if task.name == MOVE_ARM.name)
-    asked = [MOVE_ARM.decode_data(change.body).speed for change in first_arm.life if change.transition == "update"]
+    first_arm = next(
+        task for task in History.until(central.entries).tasks.values() if task.name == MOVE_ARM.name
+    )
+    asked = [
+        MOVE_ARM.decode_data(change.body).speed
+        for change in first_arm.life
+        if change.transition == "update"
+    ]
     assert asked == [0.2, 0.3, 0.4, 0.5, 1.0]
     found = read_delivery(central.entries)
     arm = the(found, "arm to box B")
@@ -110,7 +135,10 @@ def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_enter
 
 
 def test_two_objects_go_into_their_boxes() -> None:
-    with robot(Lid((9.0,)), make_coordinator()) as central, connect("somebody", central) as somebody:
+    with (
+        robot(Lid((9.0,)), make_coordinator()) as central,
+        connect("somebody", central) as somebody,
+    ):
         central.advance(1.0)
         carrying = somebody.command(CARRY_OBJECTS, 2)
         central.advance(15.0)

@@ -1,4 +1,6 @@
-"""The robot's modules on a stepped clock: moves with progress, new speeds, cancels, kills; what perception believes."""
+"""The robot's modules on a stepped clock: moves with progress, new speeds, cancels, kills; what
+perception believes.
+"""
 
 import importlib.util
 from collections.abc import Iterator
@@ -27,16 +29,22 @@ from robots.youbot_sim.vocabulary import Drive, JointReadings, Move, ObjectPlace
 from tca_module import Client, Outcome, Rejected, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
-NO_PHYSICS = pytest.mark.skipif(importlib.util.find_spec("pybullet") is None, reason="PyBullet is not installed")
+NO_PHYSICS = pytest.mark.skipif(
+    importlib.util.find_spec("pybullet") is None, reason="PyBullet is not installed"
+)
 
 
 @contextmanager
-def robot(backend: Physics = "kinematic", lid: Lid | None = None) -> Iterator[tuple[LocalCentral, Client]]:
+def robot(
+    backend: Physics = "kinematic", lid: Lid | None = None
+) -> Iterator[tuple[LocalCentral, Client]]:
     """Simulator, base, arm, gripper and perception, and somebody who uses them."""
     simulated = make_robot(backend)
     with (
         closing(simulated),
-        running(SimulatedRobot(simulated, lid or Lid()), has_steps=backend == "pybullet") as central,
+        running(
+            SimulatedRobot(simulated, lid or Lid()), has_steps=backend == "pybullet"
+        ) as central,
         connect("user", central) as user,
     ):
         yield central, user
@@ -104,9 +112,12 @@ def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointRead
     with robot(backend, lid) as (central, user):
         user.command(OFFER_OBJECT).wait(timeout=5)
         for message, goal, seconds in (
-            (MOVE_GRIPPER, "closed", 1.5), (MOVE_BASE, to, 5.5), (MOVE_ARM, f"box {to}", 3.0),
-            (MOVE_GRIPPER, "open", 2.0), (MOVE_ARM, "tucked", 4.0),
-        ):  # fmt: skip
+            (MOVE_GRIPPER, "closed", 1.5),
+            (MOVE_BASE, to, 5.5),
+            (MOVE_ARM, f"box {to}", 3.0),
+            (MOVE_GRIPPER, "open", 2.0),
+            (MOVE_ARM, "tucked", 4.0),
+        ):
             moving = user.command(message, Move(goal))
             central.advance(seconds)
             assert moving.wait(timeout=5) is Outcome.DONE
@@ -148,7 +159,9 @@ def test_perception_becomes_sure_look_by_look() -> None:
     assert believed(None, is_free=False) == 0.0
 
 
-@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])])
+@pytest.mark.parametrize(
+    "backend", ["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])]
+)
 def test_a_picture(backend: Physics, tmp_path: Path) -> None:
     simulated = make_robot(backend)
     made = simulated.picture(tmp_path / "robot")

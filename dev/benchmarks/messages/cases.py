@@ -56,7 +56,9 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cases of the same contestants. All are there at once, and take turns; *apart*: one at a time."""
+    """Cases of the same contestants. All are there at once, and take turns; *apart*: one at a
+    time.
+    """
 
     title: str
     cases: tuple[Trial, ...]
@@ -65,16 +67,23 @@ class Stage:
     apart: bool = False
 
 
-def _rate(name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = _MOST) -> Trial:
+def _rate(
+    name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = _MOST
+) -> Trial:
     return Trial(name, method, Kind.RATE, arguments, number, most, unit, 1.0)
 
 
 def _variants(option: str, values: Mapping[str, object]) -> tuple[Entrant, ...]:
     """The library's contestant with each of these values of an option."""
-    return tuple(replace(_LIBRARY, title=title, options={option: value}) for title, value in values.items())
+    return tuple(
+        replace(_LIBRARY, title=title, options={option: value}) for title, value in values.items()
+    )
 
 
-_PROXY, _DIRECT = Entrant(LIMIT, "own.zeromq", "Proxy"), Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless")
+_PROXY, _DIRECT = (
+    Entrant(LIMIT, "own.zeromq", "Proxy"),
+    Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless"),
+)
 _LIBRARY = Entrant("central, module library", "own.library", "Library")
 _STRAIGHT = Entrant("module library, direct messages", "own.library", "Straight")
 _BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
@@ -91,7 +100,10 @@ MESSAGE_PEERS = (
     Entrant("gRPC", "peers.grpc", "Grpc", needs=Needs(("grpc",), (), "pip install grpcio")),
 )  # fmt: skip
 ROBOT_BUS = Entrant(
-    "robot-bus", "peers.robot_bus", "RobotBus", needs=Needs(("robot_bus",), (), "pip install robot-bus")
+    "robot-bus",
+    "peers.robot_bus",
+    "RobotBus",
+    needs=Needs(("robot_bus",), (), "pip install robot-bus"),
 )
 TASK_PEERS = (
     Entrant("Dask", "peers.dask", "Dask", needs=Needs(("distributed",), (), "pip install distributed")),
@@ -102,7 +114,10 @@ TASK_PEERS = (
 
 _ROUND_TRIP = Trial("round trip", "round_trip", arguments=(100,))
 _ONE_SLOT = _rate("100 open, one slot", "pipelined", 1)
-_COMMANDS = (Trial("commands, one by one", "commands"), _rate("commands, 100 open", "commands_open"))
+_COMMANDS = (
+    Trial("commands, one by one", "commands"),
+    _rate("commands, 100 open", "commands_open"),
+)
 
 STAGES = (
     Stage(
@@ -170,15 +185,21 @@ def small(stages: Iterable[Stage]) -> list[Stage]:
     return [
         replace(
             stage,
-            cases=tuple(replace(case, number=min(case.number, 10), most=OPEN) for case in stage.cases),
+            cases=tuple(
+                replace(case, number=min(case.number, 10), most=OPEN) for case in stage.cases
+            ),
             entries=tuple(entry for entry in stage.entries if entry.options.get("crowd", 0) <= 10),
         )
         for stage in stages
     ]
 
 
-def chosen(stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]) -> list[Stage]:
-    """The stages with the cases that are *wanted*, by their names or their stage's, and with these *entrants*."""
+def chosen(
+    stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]
+) -> list[Stage]:
+    """The stages with the cases that are *wanted*, by their names or their stage's, and with these
+    *entrants*.
+    """
     found = [
         replace(
             stage,

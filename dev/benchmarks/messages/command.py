@@ -5,7 +5,14 @@ from pathlib import Path
 import click
 import msgspec
 
-from dev.benchmarks.messages.cases import MESSAGE_PEERS, ROBOT_BUS, STAGES, TASK_PEERS, chosen, small
+from dev.benchmarks.messages.cases import (
+    MESSAGE_PEERS,
+    ROBOT_BUS,
+    STAGES,
+    TASK_PEERS,
+    chosen,
+    small,
+)
 from dev.benchmarks.messages.results import reported
 from dev.benchmarks.messages.running import run
 from dev.benchmarks.messages.table import lines
@@ -14,30 +21,62 @@ _PEERS = {entry.title for entry in (*MESSAGE_PEERS, ROBOT_BUS, *TASK_PEERS)}
 
 
 @click.command()
-@click.option("--only", metavar="CASE", multiple=True, help="Only cases, or groups of them, of this name (repeatable).")
 @click.option(
-    "--rounds", default=5, show_default=True, type=click.IntRange(min=1), help="Each case is measured so often."
+    "--only",
+    metavar="CASE",
+    multiple=True,
+    help="Only cases, or groups of them, of this name (repeatable).",
 )
 @click.option(
-    "--seconds", default=0.5, show_default=True, type=click.FloatRange(min=0, min_open=True),
-    help="For each contestant in each round.",
-)  # fmt: skip
-@click.option("--peers", is_flag=True, help="Other programs, too, as far as they are installed.")
-@click.option("--quick", is_flag=True, help="Few messages: whether all works. The figures mean nothing.")
-@click.option("--list", "listing", is_flag=True, help="Name the cases and those who take part, and measure nothing.")
+    "--rounds",
+    default=5,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Each case is measured so often.",
+)
 @click.option(
-    "--json", "path", metavar="FILE", type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    "--seconds",
+    default=0.5,
+    show_default=True,
+    type=click.FloatRange(min=0, min_open=True),
+    help="For each contestant in each round.",
+)
+@click.option("--peers", is_flag=True, help="Other programs, too, as far as they are installed.")
+@click.option(
+    "--quick", is_flag=True, help="Few messages: whether all works. The figures mean nothing."
+)
+@click.option(
+    "--list",
+    "listing",
+    is_flag=True,
+    help="Name the cases and those who take part, and measure nothing.",
+)
+@click.option(
+    "--json",
+    "path",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, writable=True, path_type=Path),
     help="Write all figures.",
-)  # fmt: skip
+)
 def bench(
-    only: tuple[str, ...], rounds: int, seconds: float, path: Path | None, *, peers: bool, quick: bool, listing: bool
+    only: tuple[str, ...],
+    rounds: int,
+    seconds: float,
+    path: Path | None,
+    *,
+    peers: bool,
+    quick: bool,
+    listing: bool,
 ) -> None:
     """Measure what messages and tasks cost on this machine.
 
-    Central runs beside zmq.proxy, which is the limit of what ZeroMQ allows, and with --peers beside NATS, Redis and
-    others. All take turns in each round, so ratios hold on a busy machine, too; absolute figures are this machine's.
+    Central runs beside zmq.proxy, which is the limit of what ZeroMQ allows, and with --peers beside
+    NATS, Redis and others. All take turns in each round, so ratios hold on a busy machine, too;
+    absolute figures are this machine's.
     """
-    known = [name for stage in STAGES for name in (stage.title, *(case.name for case in stage.cases))]
+    known = [
+        name for stage in STAGES for name in (stage.title, *(case.name for case in stage.cases))
+    ]
     if unknown := [name for name in only if name not in known]:
         raise click.UsageError(f"no case '{unknown[0]}': --list names them")
     if path and not path.parent.is_dir():
@@ -52,7 +91,9 @@ def bench(
             click.echo(f"{stage.title}: {', '.join(case.name for case in stage.cases)}")
             click.echo(f"    of {', '.join(entry.title for entry in stage.entries)}")
         return
-    report = reported(run(stages, rounds, seconds, lambda text: click.echo(text, err=True)), rounds, seconds)
+    report = reported(
+        run(stages, rounds, seconds, lambda text: click.echo(text, err=True)), rounds, seconds
+    )
     for line in lines(report):
         click.echo(line)
     if path:

@@ -1,4 +1,6 @@
-"""One way to move messages or to run tasks. It is the client of what it measures, and starts all others."""
+"""One way to move messages or to run tasks. It is the client of what it measures, and starts all
+others.
+"""
 
 import time
 from abc import ABC, abstractmethod
@@ -14,7 +16,9 @@ OPEN = 100
 LISTENERS = 10
 """They hear a broadcast: ten connections of one process."""
 ECHO, COUNT, MARK = b"e", b"c", b"m"
-"""How bodies begin: one to be sent back, to be counted, and one that asks for the number of those."""
+"""How bodies begin: one to be sent back, to be counted, and one that asks for the number of
+those.
+"""
 SOON = 20.0
 """Seconds until what was started answers."""
 
@@ -48,7 +52,9 @@ class Contestant(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Start all processes and connect. At its return the first message may still fail, see ``ready``."""
+        """Start all processes and connect. At its return the first message may still fail, see
+        ``ready``.
+        """
 
     def stop(self) -> None:
         """End all that was started."""
@@ -60,7 +66,9 @@ class Contestant(ABC):
         until(lambda: self.round_trip(1, 100))
 
     def round_trip(self, number: int, size: int) -> list[float]:
-        """Send a message with a body of *size* and get it back, one after the other: the seconds of each."""
+        """Send a message with a body of *size* and get it back, one after the other: the seconds of
+        each.
+        """
         raise NotImplementedError
 
     def pipelined(self, number: int, slots: int) -> None:
@@ -88,7 +96,9 @@ class Contestant(ABC):
         raise NotImplementedError
 
     def chain(self, number: int) -> None:
-        """So many commands, each of which may begin only when the one before it is done, all told of beforehand."""
+        """So many commands, each of which may begin only when the one before it is done, all told
+        of beforehand.
+        """
         raise NotImplementedError
 
 

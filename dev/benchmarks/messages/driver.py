@@ -23,7 +23,9 @@ _PART = 0.2
 """Of the time of a measurement: calls are made larger until one takes as long."""
 
 Figures = tuple[float, float | None]
-"""A measurement: the median of times, the rate or the number; and of times the 99th of a hundred."""
+"""A measurement: the median of times, the rate or the number; and of times the 99th of a
+hundred.
+"""
 
 
 class Driver:
@@ -33,7 +35,9 @@ class Driver:
         self.entry = entry
         self.is_stopped = False
         self._pipe, theirs = multiprocessing.get_context("spawn").Pipe()
-        self._process = multiprocessing.get_context("spawn").Process(target=_drive, args=(theirs, entry))
+        self._process = multiprocessing.get_context("spawn").Process(
+            target=_drive, args=(theirs, entry)
+        )
         self._process.start()
         theirs.close()
 
@@ -77,7 +81,9 @@ class Broken(Exception):
 
 
 def _drive(pipe: Connection, entry: Entrant) -> None:
-    """The driver's process: start the contestant, measure what is asked for until nobody asks any more."""
+    """The driver's process: start the contestant, measure what is asked for until nobody asks any
+    more.
+    """
     os.setpgid(0, 0)  # Ctrl-C is the benchmark's own business
     contestant = None
     try:
@@ -105,7 +111,9 @@ def _made(entry: Entrant) -> Contestant:
 
 def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | None:
     act = getattr(contestant, case.method, None)
-    if act is None or getattr(Contestant, case.method, None) is getattr(type(contestant), case.method):
+    if act is None or getattr(Contestant, case.method, None) is getattr(
+        type(contestant), case.method
+    ):
         return None
     if case.kind is Kind.NUMBER:
         return act(case.number, *case.arguments), None

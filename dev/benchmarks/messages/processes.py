@@ -39,13 +39,23 @@ class Children:
 
     def central(self, folder: Path, *options: str) -> int:
         """Start central at ``address_in(folder)``."""
-        command = sys.executable, "-m", "tca_central", "--quiet", "--bind", address_in(folder), *options
+        command = (
+            sys.executable,
+            "-m",
+            "tca_central",
+            "--quiet",
+            "--bind",
+            address_in(folder),
+            *options,
+        )
         return self.program(*command, ends_last=True)
 
     def end(self, process: int) -> None:
         """End one."""
         assert self._programs is not None
-        self._programs.stop(*(name for name, number in self._programs.numbers().items() if number == process))
+        self._programs.stop(
+            *(name for name, number in self._programs.numbers().items() if number == process)
+        )
 
     def stop(self) -> None:
         """End all, central last."""
@@ -61,7 +71,10 @@ def address_in(folder: Path) -> str:
 
 def program_path(name: str) -> str | None:
     """Where a program is: beside this Python, on the path, or where Debian has its daemons."""
-    return shutil.which(name, path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]))
+    return shutil.which(
+        name,
+        path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]),
+    )
 
 
 def free_port() -> int:

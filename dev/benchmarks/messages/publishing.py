@@ -1,4 +1,6 @@
-"""A contestant that publishes under names: who hears that counts, and says how much came when it is asked."""
+"""A contestant that publishes under names: who hears that counts, and says how much came when it is
+asked.
+"""
 
 import queue
 from abc import abstractmethod

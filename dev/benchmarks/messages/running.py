@@ -1,4 +1,6 @@
-"""Rounds: in each, all contestants take turns in every case, so that what else the machine does hits all."""
+"""Rounds: in each, all contestants take turns in every case, so that what else the machine does
+hits all.
+"""
 
 import contextlib
 import importlib.util
@@ -45,7 +47,9 @@ def _is_importable(name: str) -> bool:
         return False
 
 
-def run(stages: Iterable[Stage], rounds: int, seconds: float, say: Callable[[str], None]) -> Results:
+def run(
+    stages: Iterable[Stage], rounds: int, seconds: float, say: Callable[[str], None]
+) -> Results:
     """Measure all, so many seconds each time. What can't take part is named."""
     result = Results()
     for stage in stages:
@@ -56,9 +60,20 @@ def run(stages: Iterable[Stage], rounds: int, seconds: float, say: Callable[[str
         for group in groups:
             with _started(group, result, say) as drivers:
                 for number in range(rounds + 1):
-                    say(f"{stage.title}: round {number} of {rounds}" if number else f"{stage.title}: warming up")
+                    say(
+                        f"{stage.title}: round {number} of {rounds}"
+                        if number
+                        else f"{stage.title}: warming up"
+                    )
                     for one in measured:
-                        _measure(one, drivers, seconds * (1 if number else _WARM_UP), result, say, keep=number > 0)
+                        _measure(
+                            one,
+                            drivers,
+                            seconds * (1 if number else _WARM_UP),
+                            result,
+                            say,
+                            keep=number > 0,
+                        )
         result.measured += measured
     return result
 
@@ -71,7 +86,9 @@ def _takes_part(entry: Entrant, result: Results, say: Callable[[str], None]) -> 
 
 
 @contextlib.contextmanager
-def _started(entries: list[Entrant], result: Results, say: Callable[[str], None]) -> Iterator[list[Driver]]:
+def _started(
+    entries: list[Entrant], result: Results, say: Callable[[str], None]
+) -> Iterator[list[Driver]]:
     drivers = [Driver(entry) for entry in entries]  # all begin at once
     try:
         for driver in drivers:
@@ -83,7 +100,13 @@ def _started(entries: list[Entrant], result: Results, say: Callable[[str], None]
 
 
 def _measure(
-    one: Measured, drivers: list[Driver], seconds: float, result: Results, say: Callable[[str], None], *, keep: bool
+    one: Measured,
+    drivers: list[Driver],
+    seconds: float,
+    result: Results,
+    say: Callable[[str], None],
+    *,
+    keep: bool,
 ) -> None:
     for driver in drivers:
         figures = _heeding(driver, partial(driver.measure, one.case, seconds), result, say)

@@ -27,7 +27,9 @@ def _lines_of(table: Comparison) -> Iterator[str]:
 
 def _cells(row: Standing) -> Iterator[str]:
     yield f"{number(row.ratio):>8}"
-    spread = f"{number(row.least_ratio)} - {number(row.most_ratio)}" if row.ratio is not None else "-"
+    spread = (
+        f"{number(row.least_ratio)} - {number(row.most_ratio)}" if row.ratio is not None else "-"
+    )
     yield f"{spread:>16}"
     for value, width in ((row.median, 12), (row.p99, 10), (row.best, 12), (row.worst, 12)):
         yield f"{number(value):>{width}}"

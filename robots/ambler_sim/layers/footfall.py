@@ -1,4 +1,6 @@
-"""The footfall layer: no leg move is achieved before its foot is known to stand well (paper, figure 3)."""
+"""The footfall layer: no leg move is achieved before its foot is known to stand well (paper, figure
+3).
+"""
 
 from robots.ambler_sim.messages import MOVE_LEG, READINGS, STANCE, TAKE_STEPS
 from robots.ambler_sim.planning.checks import fault_of_footfall
@@ -25,7 +27,9 @@ def footfall_check(task: Task, move: LegMove) -> None:
     stance, readings = task.query(STANCE), task.query(READINGS)
     if fault := fault_of_footfall(move, stance, readings):
         foot = stance.feet[move.leg]
-        raise UNSTABLE_FOOTHOLD(Contact(move.leg, foot.x, foot.y, foot.z, readings.loads[move.leg]), fault)
+        raise UNSTABLE_FOOTHOLD(
+            Contact(move.leg, foot.x, foot.y, foot.z, readings.loads[move.leg]), fault
+        )
 
 
 if __name__ == "__main__":

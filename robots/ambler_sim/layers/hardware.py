@@ -1,6 +1,8 @@
-"""The layer for hardware faults: amplifiers that trip, joints that do not follow, encoders that drift.
+"""The layer for hardware faults: amplifiers that trip, joints that do not follow, encoders that
+drift.
 
-What the robot cannot mend itself an operator does, as on the real machine; that is counted by "call operator".
+What the robot cannot mend itself an operator does, as on the real machine; that is counted by "call
+operator".
 """
 
 from robots.ambler_sim.messages import (

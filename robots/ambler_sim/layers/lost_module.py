@@ -5,7 +5,9 @@ from robots.ambler_sim.recovery import DO_AGAIN, make_layer
 from tca_module import Failure, Module
 
 LOST = Failure("module lost")
-"""Raised by central: a module died with something in hand; also where it can't be known how far that had come."""
+"""Raised by central: a module died with something in hand; also where it can't be known how far
+that had come.
+"""
 
 layer = make_layer("lost module")
 

@@ -1,6 +1,16 @@
-"""The planners' layer: a planner that finds no foothold, no way or no pose is not the end of the walk."""
+"""The planners' layer: a planner that finds no foothold, no way or no pose is not the end of the
+walk.
+"""
 
-from robots.ambler_sim.messages import MOTION_FAULT, NO_FOOTFALL, NO_PATH, NO_POSE, NOT_THERE, TAKE_STEPS, TRAVERSE_ARC
+from robots.ambler_sim.messages import (
+    MOTION_FAULT,
+    NO_FOOTFALL,
+    NO_PATH,
+    NO_POSE,
+    NOT_THERE,
+    TAKE_STEPS,
+    TRAVERSE_ARC,
+)
 from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, make_layer
 from tca_module import Module
 

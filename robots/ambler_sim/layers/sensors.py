@@ -1,8 +1,17 @@
-"""The layer for sensors that fail: images that are missing or can't be true, and force sensors that say nothing."""
+"""The layer for sensors that fail: images that are missing or can't be true, and force sensors that
+say nothing.
+"""
 
 import math
 
-from robots.ambler_sim.messages import ACQUIRE_IMAGE, BAD_IMAGE, CALIBRATE, MOVE_LEG, NO_IMAGE, READINGS
+from robots.ambler_sim.messages import (
+    ACQUIRE_IMAGE,
+    BAD_IMAGE,
+    CALIBRATE,
+    MOVE_LEG,
+    NO_IMAGE,
+    READINGS,
+)
 from robots.ambler_sim.recovery import make_layer
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 

@@ -1,7 +1,14 @@
-"""The stability layer: before each leg and body move it is known that the robot will not tip over (paper, figure 3)."""
+"""The stability layer: before each leg and body move it is known that the robot will not tip over
+(paper, figure 3).
+"""
 
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC
-from robots.ambler_sim.planning.checks import Margins, is_stable, margins_of_body_move, margins_of_leg_move
+from robots.ambler_sim.planning.checks import (
+    Margins,
+    is_stable,
+    margins_of_body_move,
+    margins_of_leg_move,
+)
 from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, make_layer
 from tca_module import Command, Condition, Failure, Module, Task
 
@@ -22,7 +29,9 @@ def attach(module: Module) -> None:
 
 @layer.handles(STABILITY_CHECK)
 def stability_check(task: Task) -> Margins:
-    """Hold the tapped move until it is known that the robot will not tip over; if it would, that is a failure of it."""
+    """Hold the tapped move until it is known that the robot will not tip over; if it would, that is
+    a failure of it.
+    """
     move, stance = task.tap_event.tapped, task.query(STANCE)
     assert move is not None
     if move.message == MOVE_LEG.name:

@@ -1,7 +1,9 @@
-"""The terrain contact layer: the ladder of figure 3, for a leg that meets what the scanner did not see.
+"""The terrain contact layer: the ladder of figure 3, for a leg that meets what the scanner did not
+see.
 
-Each rung is attached where it belongs in the task tree: the leg move is tried again higher, the step is planned anew,
-the feet are shuffled into the standard configuration and the arc is begun again.
+Each rung is attached where it belongs in the task tree: the leg move is tried again higher, the
+step is planned anew, the feet are shuffled into the standard configuration and the arc is begun
+again.
 """
 
 from robots.ambler_sim.messages import MOVE_LEG, TAKE_STEPS, TERRAIN_COLLISION

@@ -1,5 +1,6 @@
-"""The layer against tipping over: a move that was stopped because the body tilts begins again when it is level, or is
-planned otherwise; and no move begins while a leg that should stand bears nothing.
+"""The layer against tipping over: a move that was stopped because the body tilts begins again when
+it is level, or is planned otherwise; and no move begins while a leg that should stand bears
+nothing.
 """
 
 import math
@@ -48,7 +49,9 @@ def steady(task: Task, _: float) -> None:
 
 @layer.handles(SUPPORT_CHECK)
 def support_check(task: Task) -> None:
-    """Hold a move until the robot stands level on six feet, or at least would stand on those that bear it."""
+    """Hold a move until the robot stands level on six feet, or at least would stand on those that
+    bear it.
+    """
     readings = task.query(READINGS)
     if not hanging(readings) and tilt(readings) <= MOST_TILT:
         return
@@ -59,7 +62,10 @@ def support_check(task: Task) -> None:
     margin = support_margin(stance, *lifted.union(hanging(readings)))
     if margin < LEAST_SUPPORT:
         legs = ", ".join(map(str, hanging(readings)))
-        raise TIP_OVER_RISK(tilt(readings), f"{move} would leave {margin:.2f} m to the edge: these legs hang: {legs}")
+        raise TIP_OVER_RISK(
+            tilt(readings),
+            f"{move} would leave {margin:.2f} m to the edge: these legs hang: {legs}",
+        )
 
 
 def hanging(readings: Readings) -> list[int]:

@@ -1,7 +1,9 @@
-"""Faults of the machine, its sensors and the ground, on any plant: what goes wrong, until when, and how that shows.
+"""Faults of the machine, its sensors and the ground, on any plant: what goes wrong, until when, and
+how that shows.
 
-A plant is wrapped: what is commanded and what is measured passes through here. A fault is armed first, and begins when
-it can: those of the scanner at once, those of the machine and soft ground after a move, a rock before one.
+A plant is wrapped: what is commanded and what is measured passes through here. A fault is armed
+first, and begins when it can: those of the scanner at once, those of the machine and soft ground
+after a move, a rock before one.
 """
 
 from collections.abc import Sequence
@@ -13,7 +15,16 @@ from robots.ambler_sim.machine.motion import HANGING_LOAD, Segment
 from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import HOLE_RADIUS, Terrain
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.vocabulary import LEGS, MACHINE_KINDS, ROCK, SCANNER_KINDS, SOFT_SPOT, Fault, Rock, Stance
+from robots.ambler_sim.vocabulary import (
+    LEGS,
+    MACHINE_KINDS,
+    ROCK,
+    SCANNER_KINDS,
+    SOFT_SPOT,
+    Fault,
+    Rock,
+    Stance,
+)
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
@@ -22,19 +33,25 @@ DRIFT = 0.08
 """Metres that a drifting encoder is off, unless the fault says how much."""
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
-"""Of a rock that is put in the way (m): its least distance from the foot before, and its height above the way."""
+"""Of a rock that is put in the way (m): its least distance from the foot before, and its height
+above the way.
+"""
 
 HIGHEST_ROCK = 1.0
 """Metres above the ground around it."""
 
 SPARED = 0.5
-"""Metres: ground gives way under legs without which the robot stands by that much; else it would rock."""
+"""Metres: ground gives way under legs without which the robot stands by that much; else it would
+rock.
+"""
 
 
 class FaultyPlant:
     """A plant with faults: what is commanded to it, and what can be wrong of what it measures."""
 
-    def __init__(self, plant: Plant, faults: Sequence[Fault] = (), armed: Sequence[Fault] = ()) -> None:
+    def __init__(
+        self, plant: Plant, faults: Sequence[Fault] = (), armed: Sequence[Fault] = ()
+    ) -> None:
         self.plant = plant
         self.faults = list(faults)
         """What is wrong with machine and scanner now."""
@@ -42,7 +59,7 @@ class FaultyPlant:
         """What waits until it can begin."""
         self._begun: list[Fault] = []
 
-    # --- what goes wrong ---------------------------------------------------------------------------------------------
+    # --- what goes wrong --------------------------------------------------------------------------
 
     def arm(self, fault: Fault) -> None:
         """It begins when it can."""
@@ -52,7 +69,9 @@ class FaultyPlant:
             self._begin(fault)
 
     def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
-        """Put a rock in the middle of the way that a lifted foot swings, higher than that is, if there is room."""
+        """Put a rock in the middle of the way that a lifted foot swings, higher than that is, if
+        there is room.
+        """
         for fault in self._armed_of(ROCK)[:1]:
             joints = self.plant.joints()
             joints[leg] = swing.at(0.5)
@@ -91,17 +110,26 @@ class FaultyPlant:
 
     def encoder_offsets(self) -> tuple[float, ...]:
         """By how much (m) each leg's relative encoder is off its absolute one."""
-        drifts = {fault.leg: fault.size or DRIFT for fault in reversed(self.faults) if fault.kind == "encoder drift"}
+        drifts = {
+            fault.leg: fault.size or DRIFT
+            for fault in reversed(self.faults)
+            if fault.kind == "encoder drift"
+        }
         return tuple(drifts.get(leg, 0.0) for leg in LEGS)
 
-    # --- the plant ---------------------------------------------------------------------------------------------------
+    # --- the plant --------------------------------------------------------------------------------
 
     def drive(self, joints: Array, rates: Array) -> None:
-        """A leg whose amplifier is off or whose joint is stuck stays where it is: its brakes hold it."""
+        """A leg whose amplifier is off or whose joint is stuck stays where it is: its brakes hold
+        it.
+        """
         joints, shares = joints - self._offsets(), self._mobility()
         if shares.min() < 1.0:
             now = self.plant.joints()
-            joints, rates = np.where(shares < 1.0, now + shares * (joints - now), joints), shares * rates
+            joints, rates = (
+                np.where(shares < 1.0, now + shares * (joints - now), joints),
+                shares * rates,
+            )
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
@@ -139,7 +167,9 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _gives_way(self, fault: Fault) -> bool:
-        """The ground under the fault's leg falls in, or under the next one that is not needed, nor those around it."""
+        """The ground under the fault's leg falls in, or under the next one that is not needed, nor
+        those around it.
+        """
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
             middle = stance.feet[leg]
@@ -152,15 +182,20 @@ class FaultyPlant:
 
     def _stance(self, joints: Array | None = None) -> Stance:
         """Where body and feet really are, or would be with these joints."""
-        return stance_of(self.plant.attitude().pose, self.plant.joints() if joints is None else joints)
+        return stance_of(
+            self.plant.attitude().pose, self.plant.joints() if joints is None else joints
+        )
 
     def _mobility(self) -> Array:
         """The share of its speed that each leg has left, (6, 1)."""
         left = [
-            0.0 if self.has("amplifier trip", leg) or self.has("stuck joint", leg)
-            else LAG if self.has("motion fault", leg) else 1.0
+            0.0
+            if self.has("amplifier trip", leg) or self.has("stuck joint", leg)
+            else LAG
+            if self.has("motion fault", leg)
+            else 1.0
             for leg in LEGS
-        ]  # fmt: skip
+        ]
         return np.array(left)[:, None]
 
     def _offsets(self) -> Array:

@@ -1,6 +1,8 @@
-"""The ground as bodies of the physics engine: tiles around the robot, which are laid elsewhere as it walks, and rocks.
+"""The ground as bodies of the physics engine: tiles around the robot, which are laid elsewhere as
+it walks, and rocks.
 
-The engine never gives back what a height field took, so a tile is not removed: its heights are replaced.
+The engine never gives back what a height field took, so a tile is not removed: its heights are
+replaced.
 """
 
 from collections import deque
@@ -89,7 +91,9 @@ class GroundBodies:
         for place in sorted(corners & set(self._tiles)):
             before, self._tiles[place] = self._tiles[place], self._another_tile()
             self._shape(self._tiles[place], *place)
-            self._put_away(before)  # were its own heights replaced, feet would go on standing on the old ones
+            self._put_away(
+                before
+            )  # were its own heights replaced, feet would go on standing on the old ones
 
     def _put_away(self, tile: Tile) -> None:
         self._lay(tile, AWAY, AWAY)
@@ -99,7 +103,9 @@ class GroundBodies:
         return self._spare.pop() if self._spare else self._make_tile()
 
     def _make_tile(self) -> Tile:
-        """Flat, but as high and deep as any ground: the engine looks for contacts within the first heights for ever."""
+        """Flat, but as high and deep as any ground: the engine looks for contacts within the first
+        heights for ever.
+        """
         heights = np.zeros((TILE + 1, TILE + 1))
         heights[0, 0], heights[-1, -1] = -DEEPEST, DEEPEST
         shape = self._height_field(heights)
@@ -132,7 +138,9 @@ class GroundBodies:
     def _make_rock(self, rock: Rock) -> int:
         """An upright cylinder that does not move, seen by cameras and felt by feet."""
         height = rock.height + ROOTS
-        shape = self._engine.createCollisionShape(pybullet.GEOM_CYLINDER, radius=rock.radius, height=height)
+        shape = self._engine.createCollisionShape(
+            pybullet.GEOM_CYLINDER, radius=rock.radius, height=height
+        )
         look = self._engine.createVisualShape(
             pybullet.GEOM_CYLINDER, radius=rock.radius, length=height, rgbaColor=STONE
         )

@@ -1,7 +1,9 @@
-"""The quick backend: no dynamics, only equilibrium. The body rests on springs under the standing feet.
+"""The quick backend: no dynamics, only equilibrium. The body rests on springs under the standing
+feet.
 
-Every tick the horizontal pose follows from the feet that bear load (they do not slip), and height, roll and pitch from
-the balance of weight and foot forces, with the same foot stiffness as in the physical model. Fully deterministic.
+Every tick the horizontal pose follows from the feet that bear load (they do not slip), and height,
+roll and pitch from the balance of weight and foot forces, with the same foot stiffness as in the
+physical model. Fully deterministic.
 """
 
 import math
@@ -34,7 +36,9 @@ SOFT = 1e-6 * np.eye(3)
 
 
 class KinematicPlant(Plant):
-    """A mechanism that is always in equilibrium. By the name of "graphical" it is the same, but shown as it moves."""
+    """A mechanism that is always in equilibrium. By the name of "graphical" it is the same, but
+    shown as it moves.
+    """
 
     tick = 0.025
 
@@ -70,14 +74,22 @@ class KinematicPlant(Plant):
         feet = to_world(self._pose, feet_of(self._joints))
         pushes = np.zeros(len(feet))
         for rock in self._terrain.rocks:
-            depth = rock.radius + AMBLER.foot_radius - np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
+            depth = (
+                rock.radius
+                + AMBLER.foot_radius
+                - np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
+            )
             beside = feet[:, 2] < self._terrain.top(rock) - STANDS_ON
             pushes = np.maximum(pushes, np.where(beside, AMBLER.foot_stiffness * depth, 0.0))
         return pushes
 
     def bumps(self) -> Array:
         """Of the rocks that links and body run into, as if rocks were as hard as feet."""
-        rocks = [rock for rock in self._terrain.rocks if self._terrain.top(rock) > self._pose.height - AMBLER.belly]
+        rocks = [
+            rock
+            for rock in self._terrain.rocks
+            if self._terrain.top(rock) > self._pose.height - AMBLER.belly
+        ]
         if not rocks:
             return np.zeros(len(LEGS) + 1)
         places = np.array([[rock.x, rock.y, self._terrain.top(rock)] for rock in rocks])
@@ -102,15 +114,21 @@ class KinematicPlant(Plant):
         rays = np.arange(len(directions))
         high, low = above[rays, np.maximum(first - 1, 0)], above[rays, first]
         share = np.divide(high, high - low, out=np.zeros_like(high), where=high > low)
-        return np.where(below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan)
+        return np.where(
+            below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan
+        )
 
     def _carry(self, feet: Array) -> None:
-        """The horizontal pose that brings the loaded feet back onto their anchors (least squares)."""
+        """The horizontal pose that brings the loaded feet back onto their anchors (least
+        squares).
+        """
         firm = self._loads > 0
         if firm.sum() < LEAST_FEET:
             return
         heading, (x, y) = carried(feet[firm, :2], self._anchors[firm])
-        self._pose = Pose(float(x), float(y), unwrap(heading, self._pose.heading), self._pose.height)
+        self._pose = Pose(
+            float(x), float(y), unwrap(heading, self._pose.heading), self._pose.height
+        )
 
     def _stand(self, feet: Array) -> None:
         """Height, roll and pitch at which the springs of the feet below ground bear the weight."""
@@ -122,20 +140,29 @@ class KinematicPlant(Plant):
         pull = WEIGHT / AMBLER.foot_stiffness * np.array([1.0, y, -x])
         firmness = self._terrain.softness_at(spot[:, 0], spot[:, 1])
         now = np.array([self._pose.height, self._roll, self._pitch])
-        height, self._roll, self._pitch = map(float, _equilibrium(arms, wanted, firmness, pull, now))
+        height, self._roll, self._pitch = map(
+            float, _equilibrium(arms, wanted, firmness, pull, now)
+        )
         sunk = wanted - arms @ (height, self._roll, self._pitch)
         self._loads = AMBLER.foot_stiffness * firmness * sunk.clip(min=0.0)
         self._pose = Pose(self._pose.x, self._pose.y, self._pose.heading, height)
 
 
 def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
-    """How far (m) each leg's beams are in the nearest rock that reaches up to them; rocks in the body frame."""
+    """How far (m) each leg's beams are in the nearest rock that reaches up to them; rocks in the
+    body frame.
+    """
     depths = []
     for leg, (angle, reach, _) in enumerate(joints):
-        along, away = np.array([math.cos(angle), math.sin(angle)]), tops[:, :2] - [0.0, SHAFT_Y[leg]]
+        along, away = (
+            np.array([math.cos(angle), math.sin(angle)]),
+            tops[:, :2] - [0.0, SHAFT_Y[leg]],
+        )
         nearest = (away @ along).clip(0.0, reach)[:, None] * along
         depth = radii + AMBLER.beam_width / 2 - np.hypot(*(away - nearest).T)
-        depths.append(float(np.where(tops[:, 2] > SHOULDER_Z[leg] - AMBLER.beam_width / 2, depth, 0.0).max()))
+        depths.append(
+            float(np.where(tops[:, 2] > SHOULDER_Z[leg] - AMBLER.beam_width / 2, depth, 0.0).max())
+        )
     return depths
 
 
@@ -147,10 +174,11 @@ def _into_body(tops: Array, radii: Array) -> float:
 
 
 def _equilibrium(arms: Array, wanted: Array, firmness: Array, pull: Array, guess: Array) -> Array:
-    """The lowest point of the energy of six springs that push but do not pull, and of the weight. *firmness* is the
-    stiffness of each spring, as a share of a foot's on firm ground.
+    """The lowest point of the energy of six springs that push but do not pull, and of the weight.
+    *firmness* is the stiffness of each spring, as a share of a foot's on firm ground.
 
-    The energy is convex and piecewise quadratic: Newton's method, halving steps that lead uphill, ends at the bottom.
+    The energy is convex and piecewise quadratic: Newton's method, halving steps that lead uphill,
+    ends at the bottom.
     """
 
     def energy(at: Array) -> float:

@@ -23,10 +23,11 @@ def make_robot(
     start: Pose = ORIGIN,
     window: bool = False,
 ) -> Robot:
-    """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose terrain then counts).
+    """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose
+    terrain then counts).
 
-    "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else the kinematic one.
-    With *window* physics is shown in one.
+    "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else
+    the kinematic one. With *window* physics is shown in one.
     """
     ground = Terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
@@ -58,4 +59,6 @@ def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: boo
         return KinematicPlant(terrain, posture, backend)
     from robots.ambler_sim.machine import physics  # noqa: PLC0415 - it needs PyBullet, which may not be installed
 
-    return physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)
+    return (
+        physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)
+    )

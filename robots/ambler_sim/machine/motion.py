@@ -1,4 +1,6 @@
-"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. No simulator in here."""
+"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. No simulator in
+here.
+"""
 
 import itertools
 import math
@@ -14,7 +16,9 @@ SPEEDS: Array = np.array([3.0, 1.2, 1.6])
 """Greatest speeds of angle (rad/s), reach and drop (m/s)."""
 
 ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
-"""Greatest accelerations (rad/s2, m/s2): a foot that is jerked aside feels forces as if it met something."""
+"""Greatest accelerations (rad/s2, m/s2): a foot that is jerked aside feels forces as if it met
+something.
+"""
 
 SHORTEST = 0.1
 GUARD = 0.15
@@ -29,7 +33,9 @@ HANGING_LOAD = 500.0
 """A foot that bears less (N) does not stand."""
 
 CONTACT_FORCE = 800.0
-"""A lifted foot that is pushed aside with this force (N) has met something; swinging freely it feels at most half."""
+"""A lifted foot that is pushed aside with this force (N) has met something; swinging freely it
+feels at most half.
+"""
 
 BACK_OFF = 0.25
 """How far (m) a foot goes back from what it met before it is put down."""
@@ -59,7 +65,9 @@ def ease(share: float) -> float:
 
 
 def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
-    """Lift, retract, rotate, extend and lower until GUARD above the expected ground, from the present *joints*."""
+    """Lift, retract, rotate, extend and lower until GUARD above the expected ground, from the
+    present *joints*.
+    """
     angle, reach, drop = leg_joints(pose, move.foothold)
     first, _, standing = joints
     last = first + rotation(first, angle, move.sense)
@@ -76,7 +84,9 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
 
 
 def back_off(segment: Segment, share: float) -> Segment:
-    """The way back from where *share* of a segment has been done, until the foot is BACK_OFF away or at its start."""
+    """The way back from where *share* of a segment has been done, until the foot is BACK_OFF away
+    or at its start.
+    """
     here = segment.at(share)
     while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
         share = max(share - 0.01, 0.0)
@@ -90,10 +100,14 @@ def _distance(first: Array, second: Array) -> float:
 
 
 def make_segment(start: Array, end: Array) -> Segment:
-    """As quick as is allowed; a cosine profile peaks at pi/2 of its mean speed, and pi^2/2 of its mean acceleration."""
+    """As quick as is allowed; a cosine profile peaks at pi/2 of its mean speed, and pi^2/2 of its
+    mean acceleration.
+    """
     way = np.abs(end - start)
     slowest, laziest = float((way / SPEEDS).max()), float((way / ACCELERATIONS).max())
-    return Segment(start, end, max(slowest * math.pi / 2, math.pi * math.sqrt(laziest / 2), SHORTEST))
+    return Segment(
+        start, end, max(slowest * math.pi / 2, math.pi * math.sqrt(laziest / 2), SHORTEST)
+    )
 
 
 def blend(start: Pose, goal: Pose, share: float) -> Pose:

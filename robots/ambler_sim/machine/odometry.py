@@ -1,4 +1,6 @@
-"""Dead reckoning: where the body is, from the legs that stand (they do not slip, it is believed) and a compass."""
+"""Dead reckoning: where the body is, from the legs that stand (they do not slip, it is believed)
+and a compass.
+"""
 
 import math
 
@@ -10,7 +12,9 @@ from robots.plane import placed
 
 COMPASS_NOISE = math.radians(0.5)
 COMPASS_WEIGHT = 0.1
-"""Of one reading against all that was reckoned before: slow creep in heading is corrected, noise is smoothed."""
+"""Of one reading against all that was reckoned before: slow creep in heading is corrected, noise is
+smoothed.
+"""
 
 
 class Odometry:
@@ -21,13 +25,22 @@ class Odometry:
         self._feet = feet_of(joints)
 
     def estimate(self, joints: Array, airborne: set[int]) -> Pose:
-        """The pose now, by how the standing feet have moved relative to the body since the last fix."""
+        """The pose now, by how the standing feet have moved relative to the body since the last
+        fix.
+        """
         standing = [leg for leg in range(len(joints)) if leg not in airborne]
         then, now = self._feet[standing], feet_of(joints)[standing]
-        turn, way = carried(now[:, :2], then[:, :2])  # of the body, in its own frame at the last fix
+        turn, way = carried(
+            now[:, :2], then[:, :2]
+        )  # of the body, in its own frame at the last fix
         rise = float((then[:, 2] - now[:, 2]).mean())
         dx, dy = placed(0.0, 0.0, self._pose.heading, float(way[0]), float(way[1]))
-        return Pose(self._pose.x + dx, self._pose.y + dy, self._pose.heading + turn, self._pose.height + rise)
+        return Pose(
+            self._pose.x + dx,
+            self._pose.y + dy,
+            self._pose.heading + turn,
+            self._pose.height + rise,
+        )
 
     def fix(self, joints: Array, airborne: set[int], compass: float | None = None) -> None:
         """Go on from the present estimate, corrected by what the *compass* says."""

@@ -25,9 +25,7 @@ ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 
-WINDOW = (
-    "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
-)
+WINDOW = "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
 AWAY, SIDEWAYS, DOWN = 9.0, 50.0, -16.0
 """Of the camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
 
@@ -54,17 +52,23 @@ class BulletPlant(BulletWorld, Plant):
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
         self._feet = [names[f"foot{leg}"] for leg in LEGS]
-        self._leg_of_link = {motor: number // len(JOINTS_PER_LEG) for number, motor in enumerate(self._motors)}
+        self._leg_of_link = {
+            motor: number // len(JOINTS_PER_LEG) for number, motor in enumerate(self._motors)
+        }
         self._firmness = np.ones(len(LEGS))
         self._prepare_joints()
         self._heading = start.heading
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
-        """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
+        """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they
+        do not lag.
+        """
         if self._terrain.has_soft_ground:
             self._sink()
-        self._command(targetPositions=joints.ravel().tolist(), targetVelocities=rates.ravel().tolist())
+        self._command(
+            targetPositions=joints.ravel().tolist(), targetVelocities=rates.ravel().tolist()
+        )
         self._engine.stepSimulation()
 
     def joints(self) -> Array:
@@ -102,7 +106,9 @@ class BulletPlant(BulletWorld, Plant):
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """Ray casting; the scanner looks past the robot's own links."""
         ends = origin + limit * directions
-        hits = self._engine.rayTestBatch([origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN)
+        hits = self._engine.rayTestBatch(
+            [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN
+        )
         ground = self._ground.tiles
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
@@ -133,9 +139,11 @@ class BulletPlant(BulletWorld, Plant):
         firmness = self._terrain.softness_at(x, y)
         for leg in np.flatnonzero(firmness != self._firmness):
             self._engine.changeDynamics(
-                self._robot, self._feet[leg],
+                self._robot,
+                self._feet[leg],
                 contactStiffness=AMBLER.foot_stiffness * firmness[leg],
-                contactDamping=AMBLER.foot_damping * firmness[leg])  # fmt: skip
+                contactDamping=AMBLER.foot_damping * firmness[leg],
+            )
         self._firmness = firmness
 
     def _forces(self) -> Array:
@@ -144,16 +152,22 @@ class BulletPlant(BulletWorld, Plant):
         return np.array([state[2][:3] for state in states])
 
     def _prepare_joints(self) -> None:
-        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot. Links collide, but the
-        scanner does not see them.
+        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot.
+        Links collide, but the scanner does not see them.
         """
         self._command = partial(
-            self._engine.setJointMotorControlArray, self._robot, self._motors, pybullet.POSITION_CONTROL,
+            self._engine.setJointMotorControlArray,
+            self._robot,
+            self._motors,
+            pybullet.POSITION_CONTROL,
             forces=[EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG],
-            positionGains=[POSITION_GAIN] * len(self._motors), velocityGains=[VELOCITY_GAIN] * len(self._motors),
-        )  # fmt: skip
+            positionGains=[POSITION_GAIN] * len(self._motors),
+            velocityGains=[VELOCITY_GAIN] * len(self._motors),
+        )
         for link in (-1, *self._motors, *self._feet):
-            self._engine.changeDynamics(self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0)
+            self._engine.changeDynamics(
+                self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0
+            )
         for link in (-1, *self._motors):
             self._engine.setCollisionFilterGroupMask(self._robot, link, UNSEEN, -1)
         for foot in self._feet:
@@ -171,7 +185,9 @@ class BulletPlant(BulletWorld, Plant):
 
 
 class BulletWindow(BulletPlant):
-    """The same in PyBullet's own window, for people with a screen. The camera walks along with the robot."""
+    """The same in PyBullet's own window, for people with a screen. The camera walks along with the
+    robot.
+    """
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._looked_at = 0.0
@@ -194,4 +210,6 @@ class BulletWindow(BulletPlant):
     def _look_at(self, pose: Pose) -> None:
         """The engine's yaw is that of a camera that looks along y."""
         yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
-        self._engine.resetDebugVisualizerCamera(AWAY, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8))
+        self._engine.resetDebugVisualizerCamera(
+            AWAY, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8)
+        )

@@ -1,4 +1,6 @@
-"""The interface of a simulated mechanism to its controller: joints to drive and sensors to read, one tick at a time."""
+"""The interface of a simulated mechanism to its controller: joints to drive and sensors to read,
+one tick at a time.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +15,9 @@ from robots.ambler_sim.vocabulary import Attitude, Foot, Pose, Posture, Rock
 
 
 class Plant(Protocol):
-    """A mechanism with 18 driven joints, on its ground; arrays are (6, 3): angle, reach, drop per leg."""
+    """A mechanism with 18 driven joints, on its ground; arrays are (6, 3): angle, reach, drop per
+    leg.
+    """
 
     name: str
     tick: float
@@ -32,13 +36,17 @@ class Plant(Protocol):
         """The horizontal force (N) on each foot, (6,)."""
 
     def bumps(self) -> Array:
-        """The force (N) of the ground on the links of each leg but its foot, and on the body, (7,)."""
+        """The force (N) of the ground on the links of each leg but its foot, and on the body,
+        (7,).
+        """
 
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """The distance to the ground along each unit direction; NaN where there is none within *limit* metres."""
+        """The distance to the ground along each unit direction; NaN where there is none within
+        *limit* metres.
+        """
 
     def add_rock(self, rock: Rock) -> None:
         """Put a rock that the scanner does not see onto the ground; what runs into it feels it."""
@@ -49,7 +57,9 @@ class Plant(Protocol):
         self._terrain.give_way(x, y)
 
     def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
-        """Photograph robot, ground and footprints as a PNG file of that size; False if there is no camera."""
+        """Photograph robot, ground and footprints as a PNG file of that size; False if there is no
+        camera.
+        """
         return False
 
     def close(self) -> None:
@@ -57,7 +67,9 @@ class Plant(Protocol):
 
 
 def standing_posture(terrain: Terrain, start: Pose) -> Posture:
-    """Level, all feet on the ground in the standard configuration around the x, y and heading of *start*."""
+    """Level, all feet on the ground in the standard configuration around the x, y and heading of
+    *start*.
+    """
     flat = np.array([[foot.x, foot.y, 0.0] for foot in standard_feet(start, 0.0)])
     flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])
     height = float(flat[:, 2].mean()) + BODY_HEIGHT
@@ -67,7 +79,9 @@ def standing_posture(terrain: Terrain, start: Pose) -> Posture:
 
 def make_posture(attitude: Attitude, joints: Array) -> Posture:
     """Attitude and joints as plain data."""
-    return Posture(attitude, tuple((float(angle), float(reach), float(drop)) for angle, reach, drop in joints))
+    return Posture(
+        attitude, tuple((float(angle), float(reach), float(drop)) for angle, reach, drop in joints)
+    )
 
 
 def rotation_matrix(attitude: Attitude) -> Array:

@@ -1,8 +1,10 @@
-"""The shape of unbounded ground, from a seed: hills, and what lies on them. Pure functions of x and y.
+"""The shape of unbounded ground, from a seed: hills, and what lies on them. Pure functions of x and
+y.
 
-Hills are the sum of two profiles along axes at right angles to each other, and of small waves. A profile goes up and
-down in turn, in pieces of random length and steepness, every second one as steep as is allowed: so no place is steeper
-than the given slope, and any longer walk comes through places that are.
+Hills are the sum of two profiles along axes at right angles to each other, and of small waves. A
+profile goes up and down in turn, in pieces of random length and steepness, every second one as
+steep as is allowed: so no place is steeper than the given slope, and any longer walk comes through
+places that are.
 """
 
 import math
@@ -52,7 +54,10 @@ class Profile:
             if side > 0:
                 knots, slopes = knots + places, slopes + values
             else:
-                knots, slopes = [-x for x in reversed(places[1:])] + knots, [-s for s in reversed(values[1:])] + slopes
+                knots, slopes = (
+                    [-x for x in reversed(places[1:])] + knots,
+                    [-s for s in reversed(values[1:])] + slopes,
+                )
         self._knots, self._slopes = np.array(knots), np.array(slopes)
         rises = np.diff(self._knots) * (self._slopes[1:] + self._slopes[:-1]) / 2
         self._heights = np.concatenate([[0.0], np.cumsum(rises)])
@@ -63,7 +68,9 @@ class Profile:
         t = np.clip(t, self._knots[0], self._knots[-1])
         piece = np.clip(np.searchsorted(self._knots, t, side="right") - 1, 0, len(self._knots) - 2)
         along = t - self._knots[piece]
-        bend = (self._slopes[piece + 1] - self._slopes[piece]) / (self._knots[piece + 1] - self._knots[piece])
+        bend = (self._slopes[piece + 1] - self._slopes[piece]) / (
+            self._knots[piece + 1] - self._knots[piece]
+        )
         heights: Array = self._heights[piece] + along * (self._slopes[piece] + along * bend / 2)
         return heights
 
@@ -105,11 +112,15 @@ class Relief:
     def _boulders(self, x: Array, y: Array) -> Array:
         """Round humps of 0.25 to 0.5 m."""
         discs = self._discs("boulder", BOULDER_CELL, BOULDER_SHARE, x, y)
-        humps: Array = np.where(discs > 0, (0.25 + 0.25 * discs) * np.sqrt(np.maximum(discs, 0.0)), 0.0)
+        humps: Array = np.where(
+            discs > 0, (0.25 + 0.25 * discs) * np.sqrt(np.maximum(discs, 0.0)), 0.0
+        )
         return humps
 
     def _discs(self, name: str, cell: float, share: float, x: Array, y: Array) -> Array:
-        """How far inside one of scattered discs each point is: 1 in its middle, 0 or less outside."""
+        """How far inside one of scattered discs each point is: 1 in its middle, 0 or less
+        outside.
+        """
         x, y = np.broadcast_arrays(x, y)
         row, column = np.floor(x / cell).astype(int), np.floor(y / cell).astype(int)
         inside = np.full(x.shape, -1.0)
@@ -127,7 +138,11 @@ class Relief:
 
 def _wave(random: Random, steepness: float) -> Callable[[Array, Array], Array]:
     """The heights of waves of one length and direction."""
-    length, direction, phase = random.uniform(2.5, 6.0), random.uniform(0.0, math.pi), random.uniform(0, math.tau)
+    length, direction, phase = (
+        random.uniform(2.5, 6.0),
+        random.uniform(0.0, math.pi),
+        random.uniform(0, math.tau),
+    )
     number = math.tau / length
     along_x, along_y = number * math.cos(direction), number * math.sin(direction)
     return lambda x, y: steepness / number * np.sin(along_x * x + along_y * y + phase)

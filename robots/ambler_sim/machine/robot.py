@@ -1,4 +1,6 @@
-"""The real-time controller: executes moves on any plant, keeps the body level and the feet evenly loaded."""
+"""The real-time controller: executes moves on any plant, keeps the body level and the feet evenly
+loaded.
+"""
 
 import math
 from collections import deque
@@ -7,7 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, stance_of, to_body, to_world
+from robots.ambler_sim.geometry import (
+    AMBLER,
+    Array,
+    feet_of,
+    joints_of,
+    stance_of,
+    to_body,
+    to_world,
+)
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import FaultyPlant
 from robots.ambler_sim.machine.motion import ROTATING, blend, ease, leg_segments
@@ -56,11 +66,13 @@ TRAIL = 60
 
 MOST_BEHIND = 0.12
 MOST_BEHIND_STANDING = 0.06
-"""How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
+"""How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that
+carries the body.
+"""
 
 MOST_TILT = 0.03
-"""The inclination (rad) at which a move is stopped, with its leg put down: 1.7 degrees. A robot that stands safely on
-five springy feet may come to 1.3.
+"""The inclination (rad) at which a move is stopped, with its leg put down: 1.7 degrees. A robot
+that stands safely on five springy feet may come to 1.3.
 """
 
 PUT_DOWN_AT_MOST = 3
@@ -71,17 +83,25 @@ LEVEL_SECONDS = 6.0
 """How level (rad) the body is made by ``level``, and how long that may take."""
 
 TOLERANCE = 0.05
-"""The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
+"""The links go this much (m) further than planners may plan: feet creep some centimetres on steep
+ground.
+"""
 
 
 class Robot:
-    """A robot on some plant. All moves block until done; simulated time passes only during moves. For one thread."""
+    """A robot on some plant. All moves block until done; simulated time passes only during moves.
+    For one thread.
+    """
 
-    def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
+    def __init__(
+        self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None
+    ) -> None:
         self.terrain = terrain
         self.backend = plant.name
         self._plant = plant
-        self._machine = FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
+        self._machine = (
+            FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
+        )
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, over all processes that took part in it."""
@@ -92,7 +112,11 @@ class Robot:
         self._airborne: set[int] = set()
         self._command = plant.joints()
         pose = plant.attitude().pose
-        self._place, self._velocity, self._tilt = np.array([pose.x, pose.y, pose.height]), np.zeros(3), 0.0
+        self._place, self._velocity, self._tilt = (
+            np.array([pose.x, pose.y, pose.height]),
+            np.zeros(3),
+            0.0,
+        )
         self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
         """The greatest inclination (rad) of the body since this object was made."""
@@ -102,7 +126,9 @@ class Robot:
             self._trail.extend(self.true_stance().feet)
 
     def stance(self) -> Stance:
-        """The body pose and the six feet as the robot believes them to be now: by dead reckoning."""
+        """The body pose and the six feet as the robot believes them to be now: by dead
+        reckoning.
+        """
         return self._stance_at(self._pose())
 
     def true_stance(self) -> Stance:
@@ -120,10 +146,15 @@ class Robot:
         attitude = self._plant.attitude()
         loads = tuple(float(load) for load in self._machine.loads())
         return Readings(
-            self.time, attitude.roll, attitude.pitch, loads, self._machine.amplifiers(), self._machine.encoder_offsets()
+            self.time,
+            attitude.roll,
+            attitude.pitch,
+            loads,
+            self._machine.amplifiers(),
+            self._machine.encoder_offsets(),
         )
 
-    # --- faults and their mending ------------------------------------------------------------------------------------
+    # --- faults and their mending -----------------------------------------------------------------
 
     def inject(self, fault: Fault) -> None:
         """Something goes wrong as soon as it can."""
@@ -136,10 +167,14 @@ class Robot:
     def reset(self, leg: int, *, operator: bool = False) -> None:
         """Switch the amplifier of a leg on again. Raises NEEDS_OPERATOR if only an operator can."""
         if not self._machine.clear(leg, "amplifier trip", operator=operator):
-            raise NEEDS_OPERATOR(leg, f"the amplifier of leg {leg} trips again: an operator must reset it")
+            raise NEEDS_OPERATOR(
+                leg, f"the amplifier of leg {leg} trips again: an operator must reset it"
+            )
 
     def free_joint(self, leg: int, *, operator: bool = False) -> None:
-        """Move the joints of a leg to and fro until they are free. Raises NEEDS_OPERATOR if only an operator can."""
+        """Move the joints of a leg to and fro until they are free. Raises NEEDS_OPERATOR if only an
+        operator can.
+        """
         is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
@@ -155,7 +190,9 @@ class Robot:
         self._rebase()
 
     def level(self) -> None:
-        """Put down legs that bear nothing, and stand, until the body is level; for LEVEL_SECONDS or a little more."""
+        """Put down legs that bear nothing, and stand, until the body is level; for LEVEL_SECONDS or
+        a little more.
+        """
         self._rebase()
         began = self.time
         while self.time - began < LEVEL_SECONDS:
@@ -166,13 +203,14 @@ class Robot:
                 break
         self._rebase()
 
-    # --- moves -------------------------------------------------------------------------------------------------------
+    # --- moves ------------------------------------------------------------------------------------
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is.
 
-        Raises AMPLIFIER_TRIPPED; TERRAIN_COLLISION or TIP_OVER_RISK, standing again, when the leg met something on its
-        way or the body tilted. A JOINT_FAULT leaves the leg where it got stuck: in the air, until ``free_joint``.
+        Raises AMPLIFIER_TRIPPED; TERRAIN_COLLISION or TIP_OVER_RISK, standing again, when the leg
+        met something on its way or the body tilted. A JOINT_FAULT leaves the leg where it got
+        stuck: in the air, until ``free_joint``.
         """
         self._require_amplifiers()
         self._rebase()
@@ -188,10 +226,12 @@ class Robot:
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
-        """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
+        """Carry the body to a pose over standing feet; returns the pose reached. When stopped it
+        comes to rest gently.
 
-        Raises, without moving, AMPLIFIER_TRIPPED, or OutOfReach when a leg could not follow; TERRAIN_COLLISION, back
-        where it was, when the body met something; and TIP_OVER_RISK when it tilted.
+        Raises, without moving, AMPLIFIER_TRIPPED, or OutOfReach when a leg could not follow;
+        TERRAIN_COLLISION, back where it was, when the body met something; and TIP_OVER_RISK when it
+        tilted.
         """
         self._require_amplifiers()
         self._rebase()
@@ -216,14 +256,16 @@ class Robot:
         self._settle()
         self._begin_faults()
         self.footsteps += 1
-        heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
+        heading = compass(
+            self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps
+        )
         self._odometry.fix(self._machine.joints(), self._airborne, heading)
         _require_undisturbed(contact, watch)
         return self._pose()
 
     def scan(self) -> Array:
-        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No time passes, but
-        while the body moves they are blurred as if it did.
+        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No
+        time passes, but while the body moves they are blurred as if it did.
         """
         self._scans += 1
         attitude, seed = self._plant.attitude(), (self.terrain.spec.seed, self._scans)
@@ -231,17 +273,28 @@ class Robot:
         return to_world(self._pose(), to_body(attitude.pose, points))
 
     def footstep(self) -> Footstep:
-        """The record of the footstep that has just been made: what the robot believes, and what is true."""
+        """The record of the footstep that has just been made: what the robot believes, and what is
+        true.
+        """
         believed, true = self.stance(), self.true_stance()
         leg, tilt = max(self._last_leg, 0), self.peak_tilt
         self.peak_tilt = 0.0
         return Footstep(
-            self.footsteps, leg, believed.feet[leg], true.feet[leg], believed.pose, true.pose,
-            self.terrain.gradient_at(true.pose.x, true.pose.y), tilt, support_margin(true),
-        )  # fmt: skip
+            self.footsteps,
+            leg,
+            believed.feet[leg],
+            true.feet[leg],
+            believed.pose,
+            true.pose,
+            self.terrain.gradient_at(true.pose.x, true.pose.y),
+            tilt,
+            support_margin(true),
+        )
 
     def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
-        """A photograph of the robot where it is now or, without a camera, a drawing; the path written."""
+        """A photograph of the robot where it is now or, without a camera, a drawing; the path
+        written.
+        """
         written = Path(path).with_suffix(".png")
         if not self._plant.photograph(written, tuple(self._trail), size):
             written = written.with_suffix(".svg")
@@ -273,13 +326,19 @@ class Robot:
         self._plant.close()
 
     def _rebase(self) -> None:
-        """Command what is measured, so that old position errors do not become forces; start the clock of this move."""
+        """Command what is measured, so that old position errors do not become forces; start the
+        clock of this move.
+        """
         self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
 
-    def _swing_over(self, leg: int, segments: list[motion.Segment], watch: MoveWatch) -> Contact | None:
-        """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way back from there."""
+    def _swing_over(
+        self, leg: int, segments: list[motion.Segment], watch: MoveWatch
+    ) -> Contact | None:
+        """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way
+        back from there.
+        """
         lift, *others = segments
         self._swing(leg, lift, watch)
         for segment in others:
@@ -290,10 +349,14 @@ class Robot:
                 return contact
         return None
 
-    def _swing(self, leg: int, segment: motion.Segment, watch: MoveWatch, *, feels: bool = False) -> float:
-        """Move a leg; the share of the segment that was done until it was stopped or, if it *feels*, met something.
+    def _swing(
+        self, leg: int, segment: motion.Segment, watch: MoveWatch, *, feels: bool = False
+    ) -> float:
+        """Move a leg; the share of the segment that was done until it was stopped or, if it
+        *feels*, met something.
 
-        Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in physics.
+        Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in
+            physics.
         """
         ticks = math.ceil(segment.duration / self._plant.tick)
         for number in range(1, ticks + 1):
@@ -319,14 +382,18 @@ class Robot:
                 raise AMPLIFIER_TRIPPED(leg, f"the amplifier of leg {leg} is off")
 
     def _require_following(self, *legs: int, most: float) -> None:
-        """Raise JOINT_FAULT, standing on the other legs, if one is further behind its command than *most*."""
+        """Raise JOINT_FAULT, standing on the other legs, if one is further behind its command than
+        *most*.
+        """
         behind = np.abs(self._command - self._machine.joints()).max(axis=1)
         leg = max(legs, key=lambda each: behind[each])
         if behind[leg] > most:
             self._rebase()
             self._settle()
             error = MotionError(leg, float(behind[leg]))
-            raise JOINT_FAULT(error, f"leg {leg} does not follow: it is {error.error:.2f} m or rad behind")
+            raise JOINT_FAULT(
+                error, f"leg {leg} does not follow: it is {error.error:.2f} m or rad behind"
+            )
 
     def _feels_something(self, leg: int) -> bool:
         felt = max(self._plant.pushes()[leg], self._plant.bumps()[leg])
@@ -335,18 +402,26 @@ class Robot:
     def _contact(self, leg: int, segment: motion.Segment, share: float) -> Contact:
         pose = self._pose()
         foot = self._stance_at(pose).feet[leg]
-        force = math.hypot(self._plant.pushes()[leg], self._plant.bumps()[leg], self._machine.loads()[leg])
-        before, after = to_world(pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg]))
+        force = math.hypot(
+            self._plant.pushes()[leg], self._plant.bumps()[leg], self._machine.loads()[leg]
+        )
+        before, after = to_world(
+            pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg])
+        )
         return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
-        """The contact of the body, or of a leg's beams, on its way from *start* to *goal*; None if nothing is there."""
+        """The contact of the body, or of a leg's beams, on its way from *start* to *goal*; None if
+        nothing is there.
+        """
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
             return None
         pose, (dx, dy) = self._pose(), _direction((start.x, start.y), (goal.x, goal.y))
         nose, low = AMBLER.body_length / 2, pose.height - AMBLER.belly
-        return Contact(NO_LEG, pose.x + nose * dx, pose.y + nose * dy, low, float(bumps.max()), dx, dy)
+        return Contact(
+            NO_LEG, pose.x + nose * dx, pose.y + nose * dy, low, float(bumps.max()), dx, dy
+        )
 
     def _put_down(self, leg: int, watch: MoveWatch) -> None:
         """Let a leg stand, and settle: again, if it bears nothing when the others have."""
@@ -362,15 +437,17 @@ class Robot:
         return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
-        """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
-        is a leg that others believe to stand.
+        """The guarded move: slowly down until the force sensor feels the ground, however far that
+        is: a leg that hangs is a leg that others believe to stand.
         """
         self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)
         deepest = AMBLER.max_drop
         while self._machine.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()
-            joints[leg, 2] += self._plant.tick * (motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED)
+            joints[leg, 2] += self._plant.tick * (
+                motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED
+            )
             self._drive(joints, watch)
         if self._command[leg, 2] < deepest:
             self._odometry.fix(self._machine.joints(), self._airborne)
@@ -404,9 +481,11 @@ class Robot:
             self._drive(joints)
 
     def _corrections(self) -> Array:
-        """How much each standing leg should extend in this tick to even out the loads and to level the body.
+        """How much each standing leg should extend in this tick to even out the loads and to level
+        the body.
 
-        Six stiff legs on the ground are a table that wobbles: without this it would stand on two or three of them.
+        Six stiff legs on the ground are a table that wobbles: without this it would stand on two or
+        three of them.
         """
         tick, loads, attitude = self._plant.tick, self._machine.loads(), self._plant.attitude()
         standing = [leg for leg in LEGS if leg not in self._airborne and math.isfinite(loads[leg])]
@@ -428,11 +507,15 @@ class Robot:
 
 
 def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
-    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if it was stopped because the body tilted."""
+    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if it was stopped because
+    the body tilted.
+    """
     if contact is not None:
         what = f"leg {contact.leg}" if contact.leg in LEGS else "the body"
         where = f"x {contact.x:.2f}, y {contact.y:.2f}, z {contact.z:.2f}"
-        raise TERRAIN_COLLISION(contact, f"{what} met something at {where} with {contact.force / 1000:.1f} kN")
+        raise TERRAIN_COLLISION(
+            contact, f"{what} met something at {where} with {contact.force / 1000:.1f} kN"
+        )
     if watch.tilt:
         raise TIP_OVER_RISK(watch.tilt, f"the body tilts by {math.degrees(watch.tilt):.1f} degrees")
 
@@ -440,4 +523,8 @@ def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
     """The unit vector from one place to another; none if they are the same."""
     way = math.dist(start, end)
-    return (float(end[0] - start[0]) / way, float(end[1] - start[1]) / way) if way > LEAST_WAY else (0.0, 0.0)
+    return (
+        (float(end[0] - start[0]) / way, float(end[1] - start[1]) / way)
+        if way > LEAST_WAY
+        else (0.0, 0.0)
+    )

@@ -22,10 +22,14 @@ _SIDEWAYS = np.radians(85.0)
 
 
 def scan(
-    cast: Callable[[Array, Array, float], Array], attitude: Attitude, seed: tuple[int, int], velocity: Array
+    cast: Callable[[Array, Array, float], Array],
+    attitude: Attitude,
+    seed: tuple[int, int],
+    velocity: Array,
 ) -> Array:
-    """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same *seed* gives the same
-    noise. While the body moves (*velocity*, m/s) the image is blurred: a sweep takes SWEEP seconds, row by row.
+    """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same
+    *seed* gives the same noise. While the body moves (*velocity*, m/s) the image is blurred: a
+    sweep takes SWEEP seconds, row by row.
     """
     turn = rotation_matrix(attitude)
     position = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
@@ -42,7 +46,11 @@ def scan(
 def ray_directions() -> Array:
     """Unit vectors in the body frame, row by row from near to far."""
     down, aside = np.meshgrid(
-        np.linspace(_NEAREST, _FARTHEST, ROWS), np.linspace(-_SIDEWAYS, _SIDEWAYS, COLUMNS), indexing="ij"
+        np.linspace(_NEAREST, _FARTHEST, ROWS),
+        np.linspace(-_SIDEWAYS, _SIDEWAYS, COLUMNS),
+        indexing="ij",
     )
-    rays = np.stack([np.cos(down) * np.cos(aside), np.cos(down) * np.sin(aside), np.sin(down)], axis=-1)
+    rays = np.stack(
+        [np.cos(down) * np.cos(aside), np.cos(down) * np.sin(aside), np.sin(down)], axis=-1
+    )
     return rays.reshape(-1, 3)

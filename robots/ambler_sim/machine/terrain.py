@@ -1,6 +1,8 @@
-"""The true ground: unbounded, from a seed. Planners never see it; they see the map built from scans.
+"""The true ground: unbounded, from a seed. Planners never see it; they see the map built from
+scans.
 
-Heights are those of a lattice, bilinear in between, in both simulators. What is near the robot is kept; nothing grows.
+Heights are those of a lattice, bilinear in between, in both simulators. What is near the robot is
+kept; nothing grows.
 """
 
 import math
@@ -40,7 +42,9 @@ class Terrain:
 
     def __init__(self, spec: TerrainSpec) -> None:
         self.spec = spec
-        self._relief = Relief(spec.kind, spec.seed, min(spec.slope, STEEPNESS.get(spec.kind, spec.slope)))
+        self._relief = Relief(
+            spec.kind, spec.seed, min(spec.slope, STEEPNESS.get(spec.kind, spec.slope))
+        )
         self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
         self._holes = deque(spec.holes, maxlen=MOST_ADDED)
         self._tops: dict[Rock, float] = {}  #: far ones, too, of which no ground is kept
@@ -57,8 +61,12 @@ class Terrain:
         return (*self.spec.rocks, *self._added)
 
     def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
-        """The heights of a part of the lattice (rows along x, columns along y) that begins at this row and column."""
-        return self._computed(np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :])
+        """The heights of a part of the lattice (rows along x, columns along y) that begins at this
+        row and column.
+        """
+        return self._computed(
+            np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :]
+        )
 
     def height(self, x: float, y: float) -> float:
         """The ground height (m) at a point."""
@@ -114,7 +122,9 @@ class Terrain:
         return self._tops[rock]
 
     def under(self, places: Array) -> Array:
-        """The height under these points (n, 3): of the ground, or of the top of a rock that they are not below."""
+        """The height under these points (n, 3): of the ground, or of the top of a rock that they
+        are not below.
+        """
         heights = self.heights_at(places[:, 0], places[:, 1])
         for rock in self.rocks:
             away = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y)
@@ -140,10 +150,15 @@ class Terrain:
         return heights
 
     def _keeps(self, i: Cells, j: Cells) -> bool:
-        """Whether the cells of these rows and columns are in the part that is kept, which moves if need be."""
+        """Whether the cells of these rows and columns are in the part that is kept, which moves if
+        need be.
+        """
         low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
         last = CELLS - 2  # a cell's corners are in the next row and column, too
-        if self._row <= low_i <= high_i <= self._row + last and self._column <= low_j <= high_j <= self._column + last:
+        if (
+            self._row <= low_i <= high_i <= self._row + last
+            and self._column <= low_j <= high_j <= self._column + last
+        ):
             return True
         if max(high_i - low_i, high_j - low_j) > CELLS // 2:
             return False
@@ -151,9 +166,11 @@ class Terrain:
         return True
 
 
-def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, float]) -> tuple[Rock, ...]:
-    """*count* rocks where legs swing: one in each of as many equal parts of a straight path of *metres*, left and right
-    in turn. Their heights are within these bounds.
+def scattered_rocks(
+    seed: int, count: int, metres: float, height: tuple[float, float]
+) -> tuple[Rock, ...]:
+    """*count* rocks where legs swing: one in each of as many equal parts of a straight path of
+    *metres*, left and right in turn. Their heights are within these bounds.
     """
     seeded = random.Random(seed)  # noqa: S311 - stones need no secrets
     rocks = []

@@ -1,4 +1,6 @@
-"""The Ambler as URDF text: what a physics engine needs to know of the mechanism, and how it looks."""
+"""The Ambler as URDF text: what a physics engine needs to know of the mechanism, and how it
+looks.
+"""
 
 from itertools import pairwise
 
@@ -21,12 +23,16 @@ COLOURS = {
 
 
 def ambler_urdf() -> str:
-    """The whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1 and so on."""
+    """The whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1 and so
+    on.
+    """
     return robot("ambler", COLOURS, [_body(), *map(_leg, LEGS)])
 
 
 def _body() -> str:
-    """Two shafts with equipment boxes on top, a bridge between them and the scanner on its mast in front."""
+    """Two shafts with equipment boxes on top, a bridge between them and the scanner on its mast in
+    front.
+    """
     looks = []
     for y in (AMBLER.shaft_offset, -AMBLER.shaft_offset):
         looks += [
@@ -46,33 +52,59 @@ def _body() -> str:
     ]
     width, height = 2 * AMBLER.shaft_offset + AMBLER.body_length / 2, 2.7
     solid = solid_box((0, 0, height / 2 - AMBLER.belly), (AMBLER.body_length, width, height))
-    return link("body", AMBLER.body_mass, (0.9, 2.7, 1.6), looks, solid, centre=(0, 0, AMBLER.body_mass_height))
+    return link(
+        "body",
+        AMBLER.body_mass,
+        (0.9, 2.7, 1.6),
+        looks,
+        solid,
+        centre=(0, 0, AMBLER.body_mass_height),
+    )
 
 
 def _leg(leg: int) -> str:
-    """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one before."""
+    """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one
+    before.
+    """
     parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
     shoulder = link(
-        f"shoulder{leg}_link", parts.shoulder_mass, (reach, 0.3, 0.25),
-        [cylinder((0, 0, 0), 0.27, 0.30, "dark"), box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium")],
-        solid_box((reach / 2, 0, 0), (reach, width, width)), centre=(reach / 2, 0, 0),
-    )  # fmt: skip
+        f"shoulder{leg}_link",
+        parts.shoulder_mass,
+        (reach, 0.3, 0.25),
+        [
+            cylinder((0, 0, 0), 0.27, 0.30, "dark"),
+            box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium"),
+        ],
+        solid_box((reach / 2, 0, 0), (reach, width, width)),
+        centre=(reach / 2, 0, 0),
+    )
     extension = link(
-        f"extension{leg}_link", parts.extension_mass, (parts.beam_length, 0.2, 0.15),
-        [box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"), box((0, 0, 0), (0.28, 0.28, 0.42), "blue")],
-        solid_box((-reach / 2, 0, 0), (reach, width, width)), centre=(-parts.beam_length / 2, 0, 0),
-    )  # fmt: skip
+        f"extension{leg}_link",
+        parts.extension_mass,
+        (parts.beam_length, 0.2, 0.15),
+        [
+            box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"),
+            box((0, 0, 0), (0.28, 0.28, 0.42), "blue"),
+        ],
+        solid_box((-reach / 2, 0, 0), (reach, width, width)),
+        centre=(-parts.beam_length / 2, 0, 0),
+    )
     middle = (0, 0, length / 2 + 0.1)
     vertical = link(
-        f"vertical{leg}_link", parts.vertical_mass, (0.15, 0.15, length),
+        f"vertical{leg}_link",
+        parts.vertical_mass,
+        (0.15, 0.15, length),
         [cylinder(middle, 0.075, length - 0.2, "bright")],
-        collision(middle, f'<cylinder radius="0.075" length="{length - 0.2}"/>'), centre=(0, 0, length / 2),
-    )  # fmt: skip
+        collision(middle, f'<cylinder radius="0.075" length="{length - 0.2}"/>'),
+        centre=(0, 0, length / 2),
+    )
     foot = link(
-        f"foot{leg}_link", parts.foot_mass, (0.3, 0.3, 0.1),
+        f"foot{leg}_link",
+        parts.foot_mass,
+        (0.3, 0.3, 0.1),
         [cylinder((0, 0, -0.02), 0.26, 0.10, "dark"), cylinder((0, 0, 0.08), 0.12, 0.14, "orange")],
         _springs() + collision((0, 0, 0), f'<sphere radius="{parts.foot_radius}"/>'),
-    )  # fmt: skip
+    )
     return shoulder + extension + vertical + foot + _joints(leg)
 
 
@@ -90,12 +122,16 @@ def _joints(leg: int) -> str:
     )
     return "".join(
         joint(f"{part}{leg}", kind, upper, lower, origin, axis, limits, EFFORT.get(part, 0.0))
-        for part, (upper, lower), (kind, origin, axis, limits) in zip(PARTS, pairwise(links), motions, strict=True)
+        for part, (upper, lower), (kind, origin, axis, limits) in zip(
+            PARTS, pairwise(links), motions, strict=True
+        )
     )
 
 
 def _springs() -> str:
-    """Compliant feet. With rigid ones six legs are a table that stands on two or three of them and rocks."""
+    """Compliant feet. With rigid ones six legs are a table that stands on two or three of them and
+    rocks.
+    """
     return (
         '<contact><lateral_friction value="1.0"/><spinning_friction value="0.01"/>'
         f'<stiffness value="{AMBLER.foot_stiffness}"/><damping value="{AMBLER.foot_damping}"/></contact>'

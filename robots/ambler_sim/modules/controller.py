@@ -1,7 +1,9 @@
-"""The real-time controller: owns the robot (here the simulator), moves it, and saves where it is after every move.
+"""The real-time controller: owns the robot (here the simulator), moves it, and saves where it is
+after every move.
 
-The machine makes one move at a time; its range finder is a resource of its own, so that the scanner may ask it while it
-locks the moves. A controller that is started on the state file of another takes the robot over where that one left it.
+The machine makes one move at a time; its range finder is a resource of its own, so that the scanner
+may ask it while it locks the moves. A controller that is started on the state file of another takes
+the robot over where that one left it.
 """
 
 from collections.abc import Iterator
@@ -59,7 +61,9 @@ ROCK_HEIGHTS = (0.6, 0.8)
 
 
 class ControlledMachine(Machine):
-    """The machine as tasks change it: it is saved and filmed, and it is told what has begun to go wrong."""
+    """The machine as tasks change it: it is saved and filmed, and it is told what has begun to go
+    wrong.
+    """
 
     def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
         super().__init__(robot)
@@ -80,7 +84,9 @@ class ControlledMachine(Machine):
 
     @contextmanager
     def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
-        """The robot is this task's, to move a leg, the body or nothing; with what is called at each tick of a move."""
+        """The robot is this task's, to move a leg, the body or nothing; with what is called at each
+        tick of a move.
+        """
         try:
             with self.moving(leg):
                 yield lambda: self._goes_on(task)
@@ -92,7 +98,9 @@ class ControlledMachine(Machine):
                 task.broadcast(FAULT_BEGAN, fault)
 
     def _goes_on(self, task: Task) -> bool:
-        """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
+        """Between two control ticks: scan if somebody waits for one; stop if the task was
+        killed.
+        """
         self.tick()
         self.display.tick(task)
         if self._camera is not None:
@@ -101,8 +109,8 @@ class ControlledMachine(Machine):
 
 
 def make_module(robot: Robot, folder: Path | None, camera: FilmCamera | None = None) -> Module:
-    """The module that moves *robot*; into the *folder*, if there is one, it saves the robot after each move, and writes
-    a line for each footstep. A *camera* films the moves.
+    """The module that moves *robot*; into the *folder*, if there is one, it saves the robot after
+    each move, and writes a line for each footstep. A *camera* films the moves.
     """
     controller = Module("controller")
     machine = ControlledMachine(robot, folder, camera)
@@ -187,9 +195,13 @@ def main() -> None:
     scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
     rocks = (*scattered, *(Rock(*rock) for rock in options.rock))
     terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
-    robot = make_robot(options.backend, terrain=terrain, pace=options.pace, state=saved, window=options.gui)
+    robot = make_robot(
+        options.backend, terrain=terrain, pace=options.pace, state=saved, window=options.gui
+    )
     try:
-        camera = FilmCamera(robot, options.out / FRAMES, options.film_from) if options.film else None
+        camera = (
+            FilmCamera(robot, options.out / FRAMES, options.film_from) if options.film else None
+        )
         make_module(robot, options.out, camera).run()
     finally:
         robot.close()

@@ -18,7 +18,9 @@ WHILE_MOVING = 0.2
 class Display:
     """Draws a robot after footsteps or, *while_moving*, all the time."""
 
-    def __init__(self, robot: Robot, *, while_moving: bool, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, robot: Robot, *, while_moving: bool, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._robot, self._while_moving, self._clock = robot, while_moving, clock
         self._due = self._due_in_its_time = 0.0
 
@@ -35,5 +37,7 @@ class Display:
     def _show(self, sender: Sender, pause: float) -> None:
         if (now := self._clock()) >= self._due:
             self._due = now + pause
-            with suppress(TcaError):  # no picture is worth a move: it may have been killed, or central be away
+            with suppress(
+                TcaError
+            ):  # no picture is worth a move: it may have been killed, or central be away
                 sender.set_variable(ROBOT_PICTURE, self._robot.drawing(), wait=False)

@@ -1,8 +1,10 @@
-"""Error recovery: what is done when a leg meets something, from the leg up to the whole walk (paper, figure 3).
+"""Error recovery: what is done when a leg meets something, from the leg up to the whole walk
+(paper, figure 3).
 
-Each rung of the ladder is an exception handler where it belongs in the task tree: the leg move is retried higher, the
-step is planned anew, the feet are shuffled into the standard configuration and the arc is begun again, and at last the
-walk is given up. The modules that plan and move need not know of this one.
+Each rung of the ladder is an exception handler where it belongs in the task tree: the leg move is
+retried higher, the step is planned anew, the feet are shuffled into the standard configuration and
+the arc is begun again, and at last the walk is given up. The modules that plan and move need not
+know of this one.
 """
 
 from dataclasses import replace
@@ -24,7 +26,14 @@ from robots.ambler_sim.messages import (
     StepEnd,
 )
 from robots.ambler_sim.planning.gait import TOLERANCE, after_step
-from robots.ambler_sim.planning.replanning import another_step, centring, felt, raised, shuffle, window_around
+from robots.ambler_sim.planning.replanning import (
+    another_step,
+    centring,
+    felt,
+    raised,
+    shuffle,
+    window_around,
+)
 from robots.ambler_sim.recovery import (
     DO_AGAIN,
     GIVE_UP,
@@ -52,12 +61,16 @@ DONE_AT_MOST = 5
 
 recovery = Module("error recovery")
 recovery.resource("steps", capacity=3)
-"""For what waits until the step before has been walked: meanwhile that may need to be taken otherwise, too."""
+"""For what waits until the step before has been walked: meanwhile that may need to be taken
+otherwise, too.
+"""
 
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    """What nobody else handles ends the walk, with a reason; but where the rungs below are stuck, feet are shuffled."""
+    """What nobody else handles ends the walk, with a reason; but where the rungs below are stuck,
+    feet are shuffled.
+    """
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
     module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
 
@@ -75,7 +88,9 @@ def raise_leg(task: Task, contact: Contact) -> None:
 
 @recovery.handles(REPLAN_MOVE)
 def replan_move(task: Task, contact: Contact) -> None:
-    """A foot met something, or stands badly: put that into the map, and take the step another way."""
+    """A foot met something, or stands badly: put that into the map, and take the step another
+    way.
+    """
     stance = task.query(STANCE)
     task.inform(FELT, felt(contact))
     take_another_step(task, stance, contact.leg)
@@ -83,7 +98,9 @@ def replan_move(task: Task, contact: Contact) -> None:
 
 @recovery.handles(PLAN_OTHERWISE, resource="steps")
 def plan_otherwise(task: Task) -> None:
-    """A step can't be planned or walked as planned: once the one before it has been walked, take another one."""
+    """A step can't be planned or walked as planned: once the one before it has been walked, take
+    another one.
+    """
     step_task = attached(task.trouble)
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
@@ -96,7 +113,9 @@ def plan_otherwise(task: Task) -> None:
 
 
 def take_another_step(task: Task, stance: Stance, leg: int) -> None:
-    """Forget what was planned of a step, take it another way, and let the rest of the arc be planned anew."""
+    """Forget what was planned of a step, take it another way, and let the rest of the arc be
+    planned anew.
+    """
     trouble, step_task = task.trouble, attached(task.trouble)
     if trouble.invocations > REPLANNED_AT_MOST or trouble.failing.ancestors(SHUFFLE_FEET):
         raise STUCK(trouble.text, trouble.text)
@@ -124,8 +143,8 @@ def ground(task: Task, stance: Stance) -> ElevationMap:
 
 @recovery.handles(SHUFFLE_FEET)
 def shuffle_feet(task: Task) -> None:
-    """Bring the body to where it stands best, and the feet into the standard configuration around it; begin the rest of
-    the arc from there.
+    """Bring the body to where it stands best, and the feet into the standard configuration around
+    it; begin the rest of the arc from there.
     """
     trouble, stance = task.trouble, task.query(STANCE)
     if trouble.invocations > FORGOTTEN_AFTER:
@@ -144,9 +163,11 @@ def shuffle_feet(task: Task) -> None:
 
 @recovery.handles(DO_AGAIN)
 def do_again(task: Task) -> None:
-    """A module died: have done again what it had in hand. Moves begin where the robot stands, so they may come twice.
+    """A module died: have done again what it had in hand. Moves begin where the robot stands, so
+    they may come twice.
 
-    A planner that had ordered a part of what it planned would order that again: then the rest of the arc begins anew.
+    A planner that had ordered a part of what it planned would order that again: then the rest of
+    the arc begins anew.
     """
     trouble, failing = task.trouble, task.trouble.failing
     if trouble.attempts > DONE_AT_MOST:
@@ -166,8 +187,8 @@ def give_up(task: Task) -> None:
 
 
 def abandon(trouble: Trouble, why: str) -> None:
-    """Kill all that was to be done under the task that the exception handler is attached to. Other exception handlers
-    on the way there outlive that, and what they have sent: it is killed, too.
+    """Kill all that was to be done under the task that the exception handler is attached to. Other
+    exception handlers on the way there outlive that, and what they have sent: it is killed, too.
     """
     rungs = REPLAN_MOVE, PLAN_OTHERWISE, SHUFFLE_FEET
     handlers = [task for rung in rungs for task in trouble.failing.ancestors(rung)]

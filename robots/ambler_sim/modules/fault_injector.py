@@ -1,4 +1,5 @@
-"""The fault injector: makes something go wrong now and then, by a schedule or at random from a seed.
+"""The fault injector: makes something go wrong now and then, by a schedule or at random from a
+seed.
 
 It taps the leg moves, and while it holds one it sees to the fault that is due with that footstep.
 """
@@ -22,9 +23,15 @@ OPERATOR_SHARE = 0.25
 """Of the faults of amplifiers and joints: those that only an operator can reset."""
 
 PROGRAMS = (
-    "scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner", "error recovery",
+    "scanner",
+    "mapper",
+    "footfall planner",
+    "leg recovery planner",
+    "body planner",
+    "gait planner",
+    "error recovery",
     "controller",
-)  # fmt: skip
+)
 
 CENTRAL = "central"
 """The program that only "lost central" loses."""
@@ -52,7 +59,9 @@ def make_fault(kind: str, seed: int, number: int) -> Fault:
 
 
 def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: int) -> Module:
-    """Faults of these *kinds* at random, and those of the *schedule*, each with the number of its leg move."""
+    """Faults of these *kinds* at random, and those of the *schedule*, each with the number of its
+    leg move.
+    """
     injector = Module("fault injector")
     numbers = count(1)
 

@@ -1,11 +1,12 @@
-"""The gait planner: turns an arc into steps, planning one step ahead of the one that is walked (paper, figure 2).
+"""The gait planner: turns an arc into steps, planning one step ahead of the one that is walked
+(paper, figure 2).
 
-Each "take steps" orders its own moves and then the next "take steps", which is planned while this one is walked: so
-step n+1 is planned while step n is walked, and never n+2. Every second step begins with an image of the ground ahead;
-the next one is planned when that has been taken.
+Each "take steps" orders its own moves and then the next "take steps", which is planned while this
+one is walked: so step n+1 is planned while step n is walked, and never n+2. Every second step
+begins with an image of the ground ahead; the next one is planned when that has been taken.
 
-For comparison it also plans without looking ahead (``--mode sequential``), and ahead, but with a map that is finished
-before the legs move (``--mode ahead``).
+For comparison it also plans without looking ahead (``--mode sequential``), and ahead, but with a
+map that is finished before the legs move (``--mode ahead``).
 """
 
 from dataclasses import replace
@@ -30,7 +31,14 @@ from robots.ambler_sim.messages import (
     StepEnd,
 )
 from robots.ambler_sim.options import Mode, walk_options
-from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin, with_foot
+from robots.ambler_sim.planning.gait import (
+    TOLERANCE,
+    after_step,
+    is_finished,
+    next_step,
+    rejoin,
+    with_foot,
+)
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Constraint, Module, Task, this
 
@@ -43,8 +51,8 @@ planner = Module("gait planner")
 
 
 class GaitMemory:
-    """The mode, the number of the next footstep, and the last stances that were measured, by footstep: feet creep a
-    little, so these are better than what was foreseen.
+    """The mode, the number of the next footstep, and the last stances that were measured, by
+    footstep: feet creep a little, so these are better than what was foreseen.
     """
 
     def __init__(self) -> None:
@@ -57,8 +65,8 @@ class GaitMemory:
         self._measured = {number - 1: self._measured.get(number - 1, stance), number: stance}
 
     def corrected(self, ahead: Ahead) -> Stance:
-        """The foreseen stance with the feet that were measured before the footstep that is walked now; not the foot
-        that this one moves.
+        """The foreseen stance with the feet that were measured before the footstep that is walked
+        now; not the foot that this one moves.
         """
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:
@@ -122,7 +130,10 @@ def position_reached(task: Task, reached: StepEnd) -> Pose:
     memory.note(reached.number, stance)
     missing = distance(stance.pose, goal)
     if missing > CLOSE_ENOUGH:
-        raise NOT_THERE(f"{missing:.2f} m", f"the body is {missing:.2f} m from where the step should have brought it")
+        raise NOT_THERE(
+            f"{missing:.2f} m",
+            f"the body is {missing:.2f} m from where the step should have brought it",
+        )
     return stance.pose
 
 

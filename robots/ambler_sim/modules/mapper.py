@@ -1,9 +1,17 @@
-"""The local terrain mapper: builds the map of the images when somebody asks for it, with what legs have felt in it."""
+"""The local terrain mapper: builds the map of the images when somebody asks for it, with what legs
+have felt in it.
+"""
 
 from collections import deque
 
 from robots.ambler_sim.messages import ELEVATION_MAP, FELT, FORGET_FELT, IMAGES, UPDATE_MAP
-from robots.ambler_sim.planning.elevation import build_elevation_map, cut, points_of, unknown_map, with_obstacles
+from robots.ambler_sim.planning.elevation import (
+    build_elevation_map,
+    cut,
+    points_of,
+    unknown_map,
+    with_obstacles,
+)
 from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
 from tca_module import Module, Task
 

@@ -1,4 +1,6 @@
-"""The planners that are asked, each a program of its own: the footfall, the leg recovery and the body planner."""
+"""The planners that are asked, each a program of its own: the footfall, the leg recovery and the
+body planner.
+"""
 
 import argparse
 
@@ -23,7 +25,9 @@ footfall_planner = Module("footfall planner")
 leg_recovery_planner = Module("leg recovery planner")
 body_planner = Module("body planner")
 
-PLANNERS = {planner.name: planner for planner in (footfall_planner, leg_recovery_planner, body_planner)}
+PLANNERS = {
+    planner.name: planner for planner in (footfall_planner, leg_recovery_planner, body_planner)
+}
 
 
 @footfall_planner.handles(PLAN_FOOTFALL)
@@ -57,7 +61,9 @@ def plan_body(_: Task, placing: Placing) -> BodyMove:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.planners", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m robots.ambler_sim.modules.planners", description=__doc__
+    )
     parser.add_argument("planner", choices=PLANNERS)
     PLANNERS[parser.parse_args().planner].run()
 

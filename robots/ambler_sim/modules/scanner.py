@@ -1,6 +1,8 @@
-"""The laser scanner and its image queue: takes range images while the machine holds still, and keeps the last ones.
+"""The laser scanner and its image queue: takes range images while the machine holds still, and
+keeps the last ones.
 
-It locks the controller for as long as it takes an image, so that nothing blurs it (paper, "Resource Management").
+It locks the controller for as long as it takes an image, so that nothing blurs it (paper, "Resource
+Management").
 """
 
 from collections import deque

@@ -1,4 +1,6 @@
-"""The task manager: takes a path apart into arcs of a course, and tells a person how the walk goes."""
+"""The task manager: takes a path apart into arcs of a course, and tells a person how the walk
+goes.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -35,10 +37,12 @@ class Odometer:
 
 
 def make_module(
-    on_walked: Callable[[float], None], confirm: Callable[[int], None], lose: Callable[[Task, str], None] | None = None
+    on_walked: Callable[[float], None],
+    confirm: Callable[[int], None],
+    lose: Callable[[Task, str], None] | None = None,
 ) -> Module:
-    """The module. *on_walked* is told the metres walked so far; *confirm* is asked before an arc (1, 2, ...); *lose*
-    kills a program and starts it again.
+    """The module. *on_walked* is told the metres walked so far; *confirm* is asked before an arc
+    (1, 2, ...); *lose* kills a program and starts it again.
     """
     manager = Module("task manager")
     odometer = Odometer()
@@ -70,13 +74,17 @@ def make_module(
 
 
 def tell_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
-    """Report how far the robot has come, until it is there: a goal's handler can't when it has returned."""
+    """Report how far the robot has come, until it is there: a goal's handler can't when it has
+    returned.
+    """
     length, told = sum(bend.length for bend in path.bends), 0.0
     for arc in arcs:
         while not is_over(arc):
             if odometer.metres != told:
                 told = odometer.metres
-                task.report(WayWalked(f"{told:.1f} of {length:.1f} m", round(min(told / length, 1.0), 3)))
+                task.report(
+                    WayWalked(f"{told:.1f} of {length:.1f} m", round(min(told / length, 1.0), 3))
+                )
 
 
 def is_over(arc: SentTask[None]) -> bool:

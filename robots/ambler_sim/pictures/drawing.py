@@ -1,10 +1,20 @@
-"""A drawing of the robot from the side and from above, as SVG text. For where there is no physics engine to render."""
+"""A drawing of the robot from the side and from above, as SVG text. For where there is no physics
+engine to render.
+"""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from robots.ambler_sim.geometry import AMBLER, BODY_HEIGHT, SHAFT_Y, SHOULDER_Z, is_left, offset, seen_by
+from robots.ambler_sim.geometry import (
+    AMBLER,
+    BODY_HEIGHT,
+    SHAFT_Y,
+    SHOULDER_Z,
+    is_left,
+    offset,
+    seen_by,
+)
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.stability import support_polygon, world_centre_of_gravity
 from robots.ambler_sim.vocabulary import Foot, Pose, Stance
@@ -37,7 +47,12 @@ def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
     """The picture; both views look along the robot's own axes, which way it may head."""
     body: list[str] = []
     for name, view, title, parts in (
-        ("side", SIDE, f"from the right, x = {stance.pose.x:.1f} m", _from_the_side(stance, terrain)),
+        (
+            "side",
+            SIDE,
+            f"from the right, x = {stance.pose.x:.1f} m",
+            _from_the_side(stance, terrain),
+        ),
         (
             "above",
             ABOVE,
@@ -47,7 +62,11 @@ def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
     ):
         left = view.left - BEHIND * SCALE
         clip = f'<rect x="{left:.1f}" y="30" width="{HALF:.1f}" height="{HEIGHT - 50}" rx="8"/>'
-        body += [f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">', *parts, "</g>"]
+        body += [
+            f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">',
+            *parts,
+            "</g>",
+        ]
         body.append(f'<text x="{left + 6:.1f}" y="22">{title}</text>')
     return document(WIDTH, HEIGHT, "the Ambler, from the side and from above", STYLE, body)
 
@@ -58,8 +77,14 @@ def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
     floor = pose.height - BODY_HEIGHT
     ahead = np.arange(-BEHIND, AHEAD + 0.2, 0.2)
     x, y = np.array([offset(pose, float(distance), 0.0) for distance in ahead]).T
-    ground = [*zip(ahead, terrain.heights_at(x, y) - floor, strict=True), (AHEAD, -5.0), (-BEHIND, -5.0)]
-    legs = [_leg_from_the_side(foot.leg, seen_by(pose, foot)[0], foot.z - floor) for foot in stance.feet]
+    ground = [
+        *zip(ahead, terrain.heights_at(x, y) - floor, strict=True),
+        (AHEAD, -5.0),
+        (-BEHIND, -5.0),
+    ]
+    legs = [
+        _leg_from_the_side(foot.leg, seen_by(pose, foot)[0], foot.z - floor) for foot in stance.feet
+    ]
     yield '<rect y="30" width="100%" height="100%" fill="#eef3f8"/>'
     for rock in terrain.rocks:
         bottom, top = terrain.height(rock.x, rock.y) - 0.5, terrain.top(rock)
@@ -72,7 +97,9 @@ def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
 
 
 def _body_from_the_side(low: float) -> Iterable[str]:
-    """Shaft, deck, equipment box, scanner on its mast; *low* is the height of the lowest shoulder."""
+    """Shaft, deck, equipment box, scanner on its mast; *low* is the height of the lowest
+    shoulder.
+    """
     yield SIDE.box("dark", (-0.17, low - 0.4), 0.34, 1.7)
     yield SIDE.box("dark", (-0.48, low + 1.28), 0.95, 0.24)
     yield SIDE.box("box", (-0.47, low + 1.52), 0.70, 0.70)
@@ -109,8 +136,13 @@ def _from_above(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> Iter
 
 
 def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
-    """Strips of equal stratum, lighter where the ground is higher, row by row across the robot's way."""
-    rows, columns = np.arange(-BEHIND, AHEAD, CELL), np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL)
+    """Strips of equal stratum, lighter where the ground is higher, row by row across the robot's
+    way.
+    """
+    rows, columns = (
+        np.arange(-BEHIND, AHEAD, CELL),
+        np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL),
+    )
     ahead, left = np.meshgrid(rows + CELL / 2, columns + CELL / 2, indexing="ij")
     heights = terrain.heights_at(*placed(pose.x, pose.y, pose.heading, ahead, left))
     strata = np.floor((heights - heights.min()) / STRATUM).astype(int)
@@ -120,11 +152,15 @@ def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
         for start, end in zip(starts, [*starts[1:], len(levels)], strict=True):
             colour = _soil_colour(levels[start] / max(strata.max(), 1))
             strips.setdefault(colour, []).append(_strip(row, columns[start], CELL * (end - start)))
-    return [f'<path fill="{colour}" d="{"".join(together)}"/>' for colour, together in strips.items()]
+    return [
+        f'<path fill="{colour}" d="{"".join(together)}"/>' for colour, together in strips.items()
+    ]
 
 
 def _soil_colour(share: float) -> str:
-    red, green, blue = (round(low + share * (high - low)) for low, high in zip(LOW_SOIL, HIGH_SOIL, strict=True))
+    red, green, blue = (
+        round(low + share * (high - low)) for low, high in zip(LOW_SOIL, HIGH_SOIL, strict=True)
+    )
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
@@ -139,5 +175,7 @@ def _colour(leg: int) -> str:
     return LEFT_COLOUR if is_left(leg) else RIGHT_COLOUR
 
 
-def _line(view: View, places: Iterable[Sequence[float]], width: int, colour: str = "#33363d") -> str:
+def _line(
+    view: View, places: Iterable[Sequence[float]], width: int, colour: str = "#33363d"
+) -> str:
     return view.line("ink", places, style=f"stroke:{colour};stroke-width:{width}")

@@ -1,4 +1,6 @@
-"""An animated picture of a walk: photographs taken while the robot moves, put together by Pillow."""
+"""An animated picture of a walk: photographs taken while the robot moves, put together by
+Pillow.
+"""
 
 import importlib.util
 from pathlib import Path
@@ -54,7 +56,12 @@ def join_frames(folder: Path, file: Path) -> int:
             frames.append(frame.copy())
     if frames:
         frames[0].save(
-            file, save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_SECOND, loop=0, quality=QUALITY,
+            file,
+            save_all=True,
+            append_images=frames[1:],
+            duration=1000 // FRAMES_PER_SECOND,
+            loop=0,
+            quality=QUALITY,
             method=4,
-        )  # fmt: skip
+        )
     return len(frames)

@@ -1,4 +1,6 @@
-"""From a raw rendering to a picture worth showing: where the camera stands, sky, shadows, contour lines, footprints."""
+"""From a raw rendering to a picture worth showing: where the camera stands, sky, shadows, contour
+lines, footprints.
+"""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +26,9 @@ SMOOTH = 0.3
 
 
 def camera_for(pose: Pose) -> rendering.Camera:
-    """Ahead of the robot, to its right, a little above: six legs, both stacks and the tracks behind are seen."""
+    """Ahead of the robot, to its right, a little above: six legs, both stacks and the tracks behind
+    are seen.
+    """
     x, y = offset(pose, 10.8, -8.0)
     target_x, target_y = offset(pose, -0.8, 0.1)
     return rendering.Camera(
@@ -34,23 +38,35 @@ def camera_for(pose: Pose) -> rendering.Camera:
 
 def sun_over(pose: Pose) -> rendering.Camera:
     """From the sun: what the robot hides from there lies in its shadow."""
-    return rendering.camera_in_the_sun(SUN, SUN_DISTANCE, (pose.x, pose.y, pose.height), angle=11.0, depth=15.0)
+    return rendering.camera_in_the_sun(
+        SUN, SUN_DISTANCE, (pose.x, pose.y, pose.height), angle=11.0, depth=15.0
+    )
 
 
 def develop(
-    frame: rendering.Rendering, from_sun: rendering.Rendering, terrain: Terrain, trail: Sequence[Foot]
+    frame: rendering.Rendering,
+    from_sun: rendering.Rendering,
+    terrain: Terrain,
+    trail: Sequence[Foot],
 ) -> rendering.Pixels:
-    """The finished picture, (height, width, 3). The renderer colours height fields badly, so ground is painted here."""
+    """The finished picture, (height, width, 3). The renderer colours height fields badly, so ground
+    is painted here.
+    """
     image = frame.colours.astype(np.float64)
     places = rendering.ground_places(frame)
     light = (
-        _sunlight(places, terrain) * _lines(places) * _footprints(places, trail) * rendering.shadow(places, from_sun)
+        _sunlight(places, terrain)
+        * _lines(places)
+        * _footprints(places, trail)
+        * rendering.shadow(places, from_sun)
     )
     far = _haze(frame)
     image[frame.ground] = SOIL * (light * (1 - far))[:, None] + SKY_HORIZON * far[:, None]
     sky = ~(frame.ground | frame.objects)
     rows = np.linspace(0, 1, image.shape[0])[:, None, None]
-    image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[sky]
+    image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[
+        sky
+    ]
     return rendering.halved(image)
 
 
@@ -59,7 +75,9 @@ def _sunlight(places: Array, terrain: Terrain) -> Array:
     x, y = places[:, 0], places[:, 1]
     dx = (terrain.heights_at(x + SMOOTH, y) - terrain.heights_at(x - SMOOTH, y)) / (2 * SMOOTH)
     dy = (terrain.heights_at(x, y + SMOOTH) - terrain.heights_at(x, y - SMOOTH)) / (2 * SMOOTH)
-    toward = (SUN[2] - SUN[0] * dx - SUN[1] * dy) / np.sqrt(1 + dx * dx + dy * dy) / math.hypot(*SUN)
+    toward = (
+        (SUN[2] - SUN[0] * dx - SUN[1] * dy) / np.sqrt(1 + dx * dx + dy * dy) / math.hypot(*SUN)
+    )
     brightness: Array = AMBIENT + DIFFUSE * toward.clip(min=0.0)
     return brightness
 
@@ -67,7 +85,9 @@ def _sunlight(places: Array, terrain: Terrain) -> Array:
 def _lines(places: Array) -> Array:
     """Brightness: darker along contour lines and on the lines of a one-metre grid."""
     contour = rendering.near_multiple(places[:, 2], CONTOUR_EVERY, 0.006)
-    grid = rendering.near_multiple(places[:, 0], 1.0, 0.012) | rendering.near_multiple(places[:, 1], 1.0, 0.012)
+    grid = rendering.near_multiple(places[:, 0], 1.0, 0.012) | rendering.near_multiple(
+        places[:, 1], 1.0, 0.012
+    )
     return np.where(contour, 0.93, 1.0) * np.where(grid, 0.90, 1.0)
 
 

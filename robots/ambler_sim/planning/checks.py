@@ -11,10 +11,14 @@ LEAST_SUPPORT = 0.35
 """Metres. With less, two springy feet bear nearly all, and the body tilts by more than a degree."""
 
 LEAST_CONSERVATIVE = -0.2
-"""Metres: below 0 the failure of one more leg could tip the robot. On slopes of 30 % the gait itself comes to -0.15."""
+"""Metres: below 0 the failure of one more leg could tip the robot. On slopes of 30 % the gait
+itself comes to -0.15.
+"""
 
 LEAST_ENERGY = 0.018
-"""Metres: a little less than LEAST_SUPPORT means on level ground; downhill the robot tips more easily."""
+"""Metres: a little less than LEAST_SUPPORT means on level ground; downhill the robot tips more
+easily.
+"""
 
 LEAST_LOAD = 500.0
 """Newtons that a foot bears which stands."""
@@ -25,8 +29,9 @@ FARTHEST_OFF_LEVEL = 0.35
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far the robot stays from tipping over: its centre of gravity from the nearest support edge (m), the same when
-    the worst further leg fails, and how far it would have to rise to tip (m).
+    """How far the robot stays from tipping over: its centre of gravity from the nearest support
+    edge (m), the same when the worst further leg fails, and how far it would have to rise to tip
+    (m).
     """
 
     support: float
@@ -34,14 +39,12 @@ class Margins:
     energy: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.support:.2f} m to the edge, {self.conservative:.2f} m without one more leg, {self.energy:.3f} m up"
-        )
+        return f"{self.support:.2f} m to the edge, {self.conservative:.2f} m without one more leg, {self.energy:.3f} m up"
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
-    """The least while the leg is in the air: at either end of its way, for a leg weighs a tenth of the robot. That
-    without one more leg is for when it stands on its foothold.
+    """The least while the leg is in the air: at either end of its way, for a leg weighs a tenth of
+    the robot. That without one more leg is for when it stands on its foothold.
     """
     after = with_foot(stance, move.foothold)
     both = stance, after
@@ -53,8 +56,9 @@ def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet are convex. Of a
-    move that leads to where the robot stands better, those of its end: it stands already where the move begins.
+    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet
+    are convex. Of a move that leads to where the robot stands better, those of its end: it stands
+    already where the move begins.
     """
     before, after = _margins(stance), _margins(replace(stance, pose=move.goal))
     least = Margins(*map(min, astuple(before), astuple(after)))

@@ -20,7 +20,15 @@ FILL_REACH = 1.5
 def make_map(x: float, y: float, heights: Array, known: Mask) -> ElevationMap:
     """A map whose first cell has its centre at *x*, *y*."""
     rows, columns = heights.shape
-    return ElevationMap(x, y, RESOLUTION, rows, columns, heights.astype("<f4").tobytes(), known.astype("u1").tobytes())
+    return ElevationMap(
+        x,
+        y,
+        RESOLUTION,
+        rows,
+        columns,
+        heights.astype("<f4").tobytes(),
+        known.astype("u1").tobytes(),
+    )
 
 
 def heights_of(ground: ElevationMap) -> Array:
@@ -50,7 +58,9 @@ def height_at(ground: ElevationMap, x: float, y: float) -> float:
 
 def unknown_map(window: Window) -> ElevationMap:
     """A map of which nothing is known."""
-    return cut(make_map(window.x, window.y, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool)), window)
+    return cut(
+        make_map(window.x, window.y, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool)), window
+    )
 
 
 def cut(ground: ElevationMap, window: Window) -> ElevationMap:
@@ -60,7 +70,10 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
     column = round((window.y - window.reach - ground.y) / ground.resolution)
     heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
     rows, columns = row + np.arange(side), column + np.arange(side)
-    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
+    on_rows, on_columns = (
+        (rows >= 0) & (rows < ground.rows),
+        (columns >= 0) & (columns < ground.columns),
+    )
     here, there = np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
     heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
     x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
@@ -68,16 +81,21 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
-    """The map with what was felt: walls are infinitely high; of places where no foot should stand nothing is known."""
+    """The map with what was felt: walls are infinitely high; of places where no foot should stand
+    nothing is known.
+    """
     heights = heights_of(ground).copy()
     rows, columns = np.indices(heights.shape)
     for each in obstacles:
-        away = np.hypot(ground.x + ground.resolution * rows - each.x, ground.y + ground.resolution * columns - each.y)
+        away = np.hypot(
+            ground.x + ground.resolution * rows - each.x,
+            ground.y + ground.resolution * columns - each.y,
+        )
         heights[away <= each.radius] = math.inf if each.is_wall else math.nan
     return make_map(ground.x, ground.y, heights, known_cells(ground))
 
 
-# --- from range images ------------------------------------------------------------------------------------------------
+# --- from range images ----------------------------------------------------------------------------
 
 
 def pack_scan(stance: Stance, points: Array) -> Scan:
@@ -90,16 +108,22 @@ def points_of(scan: Scan) -> Array:
     return np.frombuffer(scan.points, dtype="<f4").reshape(-1, 3).astype(np.float64)
 
 
-def build_elevation_map(points: Array, stance: Stance, previous: ElevationMap | None = None) -> ElevationMap:
+def build_elevation_map(
+    points: Array, stance: Stance, previous: ElevationMap | None = None
+) -> ElevationMap:
     """The ground around the robot: mean height of the *points* in each cell.
 
-    The feet count as points too: they are where the robot knows the ground best. Cells that were not seen are taken
-    from the *previous* map, then filled in from neighbours up to FILL_REACH away; farther cells stay NaN.
+    The feet count as points too: they are where the robot knows the ground best. Cells that were
+        not seen are taken
+    from the *previous* map, then filled in from neighbours up to FILL_REACH away; farther cells
+    stay NaN.
     """
     x, y = _corner(stance)
     heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
     if previous is not None:
-        older = cut(previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2))  # by one row and column larger
+        older = cut(
+            previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2)
+        )  # by one row and column larger
         measured = np.where(known_cells(older), heights_of(older), np.nan)[:-1, :-1]
         heights = np.where(np.isfinite(heights), heights, measured)
     known = np.isfinite(heights)
@@ -107,7 +131,9 @@ def build_elevation_map(points: Array, stance: Stance, previous: ElevationMap | 
 
 
 def _corner(stance: Stance) -> tuple[float, float]:
-    """The first cell of a map that reaches ahead; on multiples of the resolution, so that maps can be laid together."""
+    """The first cell of a map that reaches ahead; on multiples of the resolution, so that maps can
+    be laid together.
+    """
     centre_x, centre_y = offset(stance.pose, AHEAD, 0.0)
     return _on_lattice(centre_x - SIZE / 2), _on_lattice(centre_y - SIZE / 2)
 
@@ -129,7 +155,9 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
 
 
 def _filled(heights: Array) -> Array:
-    """Unknown cells grow inwards from the known ones, each the mean of its neighbours, then are smoothed."""
+    """Unknown cells grow inwards from the known ones, each the mean of its neighbours, then are
+    smoothed.
+    """
     unknown = ~np.isfinite(heights)
     cells = heights.copy()
     for _ in range(math.ceil(FILL_REACH / RESOLUTION)):

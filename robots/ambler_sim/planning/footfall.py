@@ -1,6 +1,7 @@
 """Where exactly to put a foot: the best cell near the ideal foothold.
 
-Cost of a cell = slope + roughness + curvature of a plane patch around it + distance from the ideal + not measured.
+Cost of a cell = slope + roughness + curvature of a plane patch around it + distance from the ideal
++ not measured.
 """
 
 from dataclasses import dataclass
@@ -29,7 +30,9 @@ ROUGHEST = 0.08
 LEG_SPACING = 0.35
 ANGLE_SPACING = 0.12
 RESERVE = 0.05
-"""Metres of reach and drop to spare, because feet land and bodies stop a little beside where they should."""
+"""Metres of reach and drop to spare, because feet land and bodies stop a little beside where they
+should.
+"""
 
 SLOPE_COST = 1.0
 ROUGHNESS_COST = 15.0
@@ -45,7 +48,9 @@ def window_of(step: Step) -> Window:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Cells near the ideal foothold, one row each: place (x, y, z) and what the patch around it is like."""
+    """Cells near the ideal foothold, one row each: place (x, y, z) and what the patch around it is
+    like.
+    """
 
     places: Array
     slope: Array
@@ -74,12 +79,18 @@ def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RAD
 def costs(cells: Candidates, ideal: Foot) -> Array:
     """How bad each cell is; a metre from the ideal weighs as much as 30 % slope."""
     distance = np.hypot(cells.places[:, 0] - ideal.x, cells.places[:, 1] - ideal.y)
-    ground: Array = SLOPE_COST * cells.slope + ROUGHNESS_COST * cells.roughness + CURVATURE_COST * cells.curvature
+    ground: Array = (
+        SLOPE_COST * cells.slope
+        + ROUGHNESS_COST * cells.roughness
+        + CURVATURE_COST * cells.curvature
+    )
     return ground + DISTANCE_COST * distance + UNKNOWN_COST * ~cells.known
 
 
 def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS) -> Candidates:
-    """Every cell within *radius* of the ideal foothold that has a known or filled-in patch around it."""
+    """Every cell within *radius* of the ideal foothold that has a known or filled-in patch around
+    it.
+    """
     margin = PATCH // 2
     known = known_cells(ground)[margin:-margin, margin:-margin]
     patches = sliding_window_view(heights_of(ground), (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
@@ -123,12 +134,16 @@ def _is_reachable(places: Array, step: Step) -> Mask:
 
 
 def _is_free(places: Array, step: Step) -> Mask:
-    """Not too near to another foot, and in front of the other legs of the stack: their order must not change."""
+    """Not too near to another foot, and in front of the other legs of the stack: their order must
+    not change.
+    """
     others = [foot for foot in step.before.feet if foot.leg != step.leg]
     stand = positions(step.before)[[foot.leg for foot in others]]
     gaps = np.hypot(places[:, None, 0] - stand[None, :, 0], places[:, None, 1] - stand[None, :, 1])
     pose = step.before.pose
-    foremost = min(circulating_angle(pose, foot) for foot in others if foot.leg in side_of(step.leg))
+    foremost = min(
+        circulating_angle(pose, foot) for foot in others if foot.leg in side_of(step.leg)
+    )
     angles = joints_of(to_body(pose, places), legs=[step.leg] * len(places))[:, 0]
     in_front = circulation(step.leg) * angles <= foremost - ANGLE_SPACING
     free: Mask = (gaps.min(axis=1) >= LEG_SPACING) & in_front

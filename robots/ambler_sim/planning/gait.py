@@ -1,8 +1,8 @@
 """The circulating gait: which leg steps next, about where, and how far the body follows.
 
-The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides take turns. Per
-footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps): forward
-along the arc, level, at a constant height over its feet.
+The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides
+take turns. Per footstep the body advances half a metre, as in the outdoor runs of the real machine
+(500 m in 1000 footsteps): forward along the arc, level, at a constant height over its feet.
 """
 
 import math
@@ -38,27 +38,32 @@ SHARPEST = 0.08
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
-# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a degree.
+# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a
+# degree.
 ACCELERATION = 0.6
 SHORTEST = 0.5
 LEAST_MARGIN = 0.3
 OVERREACH = 0.03
-"""How far (m) beyond the limits a leg may get when its foot has crept; footholds are chosen with some reserve."""
+"""How far (m) beyond the limits a leg may get when its foot has crept; footholds are chosen with
+some reserve.
+"""
 
 
 def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVANCE) -> Step:
-    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one whose turn it is; the
-    body goes on by *advance*. Raises NoStep when nothing remains.
+    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one
+    whose turn it is; the body goes on by *advance*. Raises NoStep when nothing remains.
 
-    The ideal foothold is beside the body, TRACK to the side, half way through the six steps for which the leg will
-    stand.
+    The ideal foothold is beside the body, TRACK to the side, half way through the six steps for
+    which the leg will stand.
     """
     done = progress(arc, stance.pose)
     if is_finished(arc, stance.pose):
         raise NoStep(f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m")
     target = min(done + advance, arc.length)
     leg = leg if leg in LEGS else next_leg(stance)
-    support = tuple(_beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1))
+    support = tuple(
+        _beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1)
+    )
     return Step(
         leg=leg,
         ideal=foot_beside(support[len(LEGS) // 2], leg, 0.0, mean_height(stance.feet)),
@@ -71,7 +76,9 @@ def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVA
 
 def next_leg(stance: Stance) -> int:
     """The rear-most leg of the side that did not step last; at the beginning of both sides."""
-    candidates = LEGS if stance.last_leg not in LEGS else tuple(set(LEGS) - set(side_of(stance.last_leg)))
+    candidates = (
+        LEGS if stance.last_leg not in LEGS else tuple(set(LEGS) - set(side_of(stance.last_leg)))
+    )
     return max(sorted(candidates), key=lambda leg: circulating_angle(stance.pose, stance.feet[leg]))
 
 
@@ -82,13 +89,17 @@ def foot_beside(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
 
 
 def after_step(step: Step, foothold: Foot, goal: Pose) -> Stance:
-    """The stance that will be when the step is done, so that the next one can be planned while this one is walked."""
+    """The stance that will be when the step is done, so that the next one can be planned while this
+    one is walked.
+    """
     return replace(with_foot(step.before, foothold), pose=goal, last_leg=step.leg)
 
 
 def with_foot(stance: Stance, landed: Foot) -> Stance:
     """The stance with one foot where it has *landed*."""
-    return replace(stance, feet=tuple(landed if foot.leg == landed.leg else foot for foot in stance.feet))
+    return replace(
+        stance, feet=tuple(landed if foot.leg == landed.leg else foot for foot in stance.feet)
+    )
 
 
 def progress(arc: Arc, pose: Pose) -> float:
@@ -108,8 +119,8 @@ def remaining(arc: Arc, pose: Pose) -> float:
 
 
 def rejoin(course: Arc, pose: Pose) -> Arc:
-    """The arc from *pose* to the end of a course's piece, aimed at a point LOOKAHEAD beyond that, so that it leads back
-    to the course (pure pursuit).
+    """The arc from *pose* to the end of a course's piece, aimed at a point LOOKAHEAD beyond that,
+    so that it leads back to the course (pure pursuit).
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -135,14 +146,18 @@ def pose_on(arc: Arc, distance: float) -> Pose:
 
 
 def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
-    """The standard configuration around *pose*: where feet are put at the beginning, or to recover from a muddle."""
-    return tuple(foot_beside(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS))
+    """The standard configuration around *pose*: where feet are put at the beginning, or to recover
+    from a muddle.
+    """
+    return tuple(
+        foot_beside(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS)
+    )
 
 
 def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
-    """Where the feet would stand in the standard configuration around the body, or in its mirror image if the side of
-    leg *first* is to step first and is the right one. Within a stack the legs keep their order: a leg half way through
-    its recovery goes back to the rear.
+    """Where the feet would stand in the standard configuration around the body, or in its mirror
+    image if the side of leg *first* is to step first and is the right one. Within a stack the legs
+    keep their order: a leg half way through its recovery goes back to the rear.
     """
     height = mean_height(stance.feet)
     places: dict[int, Foot] = {}
@@ -169,7 +184,7 @@ def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
     return replace(pose_on(arc, distance), height=now.height)
 
 
-# --- how the body follows ---------------------------------------------------------------------------------------------
+# --- how the body follows -------------------------------------------------------------------------
 
 
 def plan_body_move(step: Step, foothold: Foot) -> BodyMove:
@@ -194,14 +209,18 @@ def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
 
 
 def duration(start: Pose, goal: Pose) -> float:
-    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION; turning counts at 2 m radius."""
+    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION; turning counts at 2
+    m radius.
+    """
     turn = 2.0 * (goal.heading - start.heading)
     distance = math.hypot(goal.x - start.x, goal.y - start.y, goal.height - start.height, turn)
     return max(SHORTEST, math.pi * math.sqrt(distance / (2 * ACCELERATION)))
 
 
 def require_reach(joints: Array, tolerance: float = 0.0) -> None:
-    """Raise OutOfReach when some leg's (angle, reach, drop) is more than *tolerance* metres beyond its limits."""
+    """Raise OutOfReach when some leg's (angle, reach, drop) is more than *tolerance* metres beyond
+    its limits.
+    """
     fit = within_limits(joints, -tolerance)
     if not fit.all():
         leg = int(np.argmin(fit))

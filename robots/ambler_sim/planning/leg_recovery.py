@@ -1,4 +1,6 @@
-"""How a leg gets from one foothold to the next: high enough over the ground on its way, in its stack's sense."""
+"""How a leg gets from one foothold to the next: high enough over the ground on its way, in its
+stack's sense.
+"""
 
 import math
 
@@ -36,13 +38,20 @@ def plan_leg_move(ground: ElevationMap, step: Step, foothold: Foot) -> LegMove:
 
 
 def plan_swing(
-    ground: ElevationMap, stance: Stance, foothold: Foot, sense: int = 0, radius: float | None = None
+    ground: ElevationMap,
+    stance: Stance,
+    foothold: Foot,
+    sense: int = 0,
+    radius: float | None = None,
 ) -> LegMove:
-    """Move a leg to *foothold* turning in *sense* (0: the short way), lifted CLEARANCE over everything on its way.
+    """Move a leg to *foothold* turning in *sense* (0: the short way), lifted CLEARANCE over
+    everything on its way.
 
-    It turns at *radius* from its shaft; unless told otherwise at RECOVERY_RADIUS or, if an end is nearer, at that.
+    It turns at *radius* from its shaft; unless told otherwise at RECOVERY_RADIUS or, if an end is
+    nearer, at that.
 
-    Raises OutOfReach for a foothold that the leg cannot reach from here, PathBlocked when the ground is too high.
+    Raises OutOfReach for a foothold that the leg cannot reach from here, PathBlocked when the
+    ground is too high.
     """
     start, end = _ends(stance.pose, stance.feet[foothold.leg], foothold, sense)
     if not within_limits(np.array([end])).all():
@@ -58,19 +67,27 @@ def require_lift(pose: Pose, leg: int, lift: float) -> None:
     """Raise PathBlocked when a foot can't be lifted to this height."""
     ceiling = pose.height + float(SHOULDER_Z[leg]) - AMBLER.min_drop
     if lift > ceiling:
-        raise PathBlocked(f"leg {leg} would have to be lifted to {lift:.2f} m, but reaches only {ceiling:.2f} m")
+        raise PathBlocked(
+            f"leg {leg} would have to be lifted to {lift:.2f} m, but reaches only {ceiling:.2f} m"
+        )
 
 
 def rotation(start: float, end: float, sense: int) -> float:
-    """The angle to turn through (signed) from one direction to another in the given sense; 0 takes the short way."""
+    """The angle to turn through (signed) from one direction to another in the given sense; 0 takes
+    the short way.
+    """
     turn = math.remainder(end - start, math.tau)
     if sense * turn < 0:
         turn += sense * math.tau
     return turn
 
 
-def swing_path(pose: Pose, leg: int, start: tuple[float, float], end: tuple[float, float], radius: float) -> Array:
-    """Points (x, y) of the world under the foot: retract at the first angle, rotate, extend at the second angle."""
+def swing_path(
+    pose: Pose, leg: int, start: tuple[float, float], end: tuple[float, float], radius: float
+) -> Array:
+    """Points (x, y) of the world under the foot: retract at the first angle, rotate, extend at the
+    second angle.
+    """
     (first, reach), (last, final_reach) = start, end
     inward = _stretch(reach, radius)
     round_ = _stretch(first * radius, last * radius) / radius
@@ -90,11 +107,17 @@ def _ends(pose: Pose, foot: Foot, foothold: Foot, sense: int) -> tuple[Joints, J
     return start, (start[0] + rotation(start[0], end[0], sense), end[1], end[2])
 
 
-def _highest(ground: ElevationMap, pose: Pose, leg: int, start: Joints, end: Joints, radius: float) -> float:
+def _highest(
+    ground: ElevationMap, pose: Pose, leg: int, start: Joints, end: Joints, radius: float
+) -> float:
     """The highest known ground on the way; both ends count even if the map does not know them."""
     path = swing_path(pose, leg, start[:2], end[:2], radius)
     shoulder = pose.height + float(SHOULDER_Z[leg])
-    heights = [*heights_along(ground, path[:, 0], path[:, 1]), shoulder - start[2], shoulder - end[2]]
+    heights = [
+        *heights_along(ground, path[:, 0], path[:, 1]),
+        shoulder - start[2],
+        shoulder - end[2],
+    ]
     return float(np.nanmax(heights))
 
 

@@ -1,11 +1,20 @@
-"""Other ways to go on, for when a leg could not go where it was sent. Pure; nothing here knows of messages."""
+"""Other ways to go on, for when a leg could not go where it was sent. Pure; nothing here knows of
+messages.
+"""
 
 import contextlib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
+from robots.ambler_sim.errors import (
+    AmblerError,
+    NoFootfall,
+    NoStep,
+    OutOfReach,
+    PathBlocked,
+    UnstableMove,
+)
 from robots.ambler_sim.geometry import circulating_angle, circulation, distance, offset, side_of
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.planning.elevation import AHEAD, SIZE, height_at
@@ -47,7 +56,9 @@ CLEAR_OF_FOOT = 0.05
 """Metres between where a foot was and the obstacle that it met: the foot may go on from there."""
 
 RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
-"""How far from its shaft (m) a leg may swing, the usual way first. Further out it would come near other legs."""
+"""How far from its shaft (m) a leg may swing, the usual way first. Further out it would come near
+other legs.
+"""
 
 IN_PLACE = 0.15
 
@@ -110,12 +121,17 @@ class Alternative:
     body_move: BodyMove
 
 
-def another_step(ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG) -> Alternative:
-    """The first footstep that can be taken from *stance*: with the leg whose turn it is (or *preferred*), then with the
-    other legs, rear-most first; the body goes on by less and less. Raises NoStep, saying what spoke against the first.
+def another_step(
+    ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG
+) -> Alternative:
+    """The first footstep that can be taken from *stance*: with the leg whose turn it is (or
+    *preferred*), then with the other legs, rear-most first; the body goes on by less and less.
+    Raises NoStep, saying what spoke against the first.
     """
     first = preferred if preferred in LEGS else next_leg(stance)
-    others = sorted(set(LEGS) - {first}, key=lambda leg: -circulating_angle(stance.pose, stance.feet[leg]))
+    others = sorted(
+        set(LEGS) - {first}, key=lambda leg: -circulating_angle(stance.pose, stance.feet[leg])
+    )
     problem = ""
     for advance in ADVANCES:
         for leg in (first, *others):
@@ -130,15 +146,18 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
     leg_move = another_way(ground, step)
     body_move = plan_body_move(step, leg_move.foothold)
     after = with_foot(step.before, leg_move.foothold)
-    for margins in (margins_of_leg_move(step.before, leg_move), margins_of_body_move(after, body_move)):
+    for margins in (
+        margins_of_leg_move(step.before, leg_move),
+        margins_of_body_move(after, body_move),
+    ):
         if not is_stable(margins):
             raise UnstableMove(f"the step with leg {step.leg} would leave only {margins}")
     return Alternative(step, leg_move, body_move)
 
 
 def centring(stance: Stance) -> BodyMove | None:
-    """The move of the body to where any leg can be lifted, as far as the feet allow; None if it is there, or if nowhere
-    near is better that it can go to safely.
+    """The move of the body to where any leg can be lifted, as far as the feet allow; None if it is
+    there, or if nowhere near is better that it can go to safely.
     """
     best, most = None, conservative_margin(stance)
     if most >= STANDS_WELL:
@@ -155,21 +174,28 @@ def centring(stance: Stance) -> BodyMove | None:
 
 
 def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]:
-    """Moves that bring the feet into the standard configuration around the body in which the side that is not *blocked*
-    steps first: when it has, the body is further on, and the blocked leg swings elsewhere.
+    """Moves that bring the feet into the standard configuration around the body in which the side
+    that is not *blocked* steps first: when it has, the body is further on, and the blocked leg
+    swings elsewhere.
 
-    At each move the robot is stable. The blocked leg's side goes last, and of that the leg itself, if that can be; of
-    the others those first that would be the hardest to lift in the end. Feet that can't be brought to their places
-    safely stay.
+    At each move the robot is stable. The blocked leg's side goes last, and of that the leg itself,
+    if that can be; of the others those first that would be the hardest to lift in the end. Feet
+    that can't be brought to their places safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
     moves: list[LegMove] = []
     waiting: set[int] = set(LEGS)
-    while safe := list(_safe_moves(ground, stance, [place for place in places if place.leg in waiting])):
+    while safe := list(
+        _safe_moves(ground, stance, [place for place in places if place.leg in waiting])
+    ):
         chosen = min(
             safe,
-            key=lambda move: (move.leg in side_of(blocked), move.leg == blocked, energy_margin(in_the_end, move.leg)),
+            key=lambda move: (
+                move.leg in side_of(blocked),
+                move.leg == blocked,
+                energy_margin(in_the_end, move.leg),
+            ),
         )
         moves.append(chosen)
         waiting.remove(chosen.leg)
@@ -188,14 +214,18 @@ def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) ->
 
 
 def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
-    """Straight to a place of the standard configuration; from within the body backwards, as the leg came."""
+    """Straight to a place of the standard configuration; from within the body backwards, as the leg
+    came.
+    """
     foothold = _fit_to_stand_on(ground, stance, place)
     is_inside = circulating_angle(stance.pose, stance.feet[place.leg]) > math.pi
     return _way(ground, stance, foothold, -circulation(place.leg) if is_inside else 0)
 
 
 def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place, or one beside it if it is to be avoided; where nothing is known, at the height of the other feet."""
+    """The place, or one beside it if it is to be avoided; where nothing is known, at the height of
+    the other feet.
+    """
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
         if math.isfinite(height := height_at(ground, x, y)):
@@ -204,7 +234,9 @@ def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
 
 
 def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
-    """To a foothold at the first of RADII at which nothing stands in the way. Raises PathBlocked if there is none."""
+    """To a foothold at the first of RADII at which nothing stands in the way. Raises PathBlocked if
+    there is none.
+    """
     for radius in RADII:
         with contextlib.suppress(PathBlocked):
             return plan_swing(ground, stance, foothold, sense, radius)

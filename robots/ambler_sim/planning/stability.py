@@ -21,7 +21,10 @@ def centre_of_gravity(joints: Array) -> Array:
     levels = feet[:, 2] + joints[:, 2]
     outward = np.stack([np.cos(joints[:, 0]), np.sin(joints[:, 0])], axis=1)
     # How much nearer to the shaft than the foot the two beams' centres are, times their mass.
-    inner = parts.shoulder_mass * (joints[:, 1] - parts.min_reach / 2) + parts.extension_mass * parts.beam_length / 2
+    inner = (
+        parts.shoulder_mass * (joints[:, 1] - parts.min_reach / 2)
+        + parts.extension_mass * parts.beam_length / 2
+    )
     moment = np.array([0.0, 0.0, parts.body_mass * parts.body_mass_height])
     moment[:2] += (parts.leg_mass * feet[:, :2] - inner[:, None] * outward).sum(axis=0)
     low = parts.vertical_mass * parts.link_length / 2 + parts.foot_mass * parts.foot_radius
@@ -39,14 +42,16 @@ def world_centre_of_gravity(stance: Stance) -> Array:
 
 
 def support_polygon(stance: Stance, *lifted: int) -> Array:
-    """The outermost feet of those that bear the robot, counter-clockwise seen from above, (n, 3)."""
+    """The outermost feet of those that bear the robot, counter-clockwise seen from above, (n,
+    3).
+    """
     points = sorted((foot.x, foot.y, foot.z) for foot in stance.feet if foot.leg not in lifted)
     return np.array(_half_hull(points) + _half_hull(points[::-1]))
 
 
 def support_margin(stance: Stance, *lifted: int) -> float:
-    """Horizontal distance (m) of the centre of gravity from the nearest support edge; negative when it is outside, -inf
-    when fewer than three feet stand.
+    """Horizontal distance (m) of the centre of gravity from the nearest support edge; negative when
+    it is outside, -inf when fewer than three feet stand.
     """
     corners = support_polygon(stance, *lifted)
     if len(corners) < LEAST_CORNERS:
@@ -56,12 +61,15 @@ def support_margin(stance: Stance, *lifted: int) -> float:
 
 
 def conservative_margin(stance: Stance, *lifted: int) -> float:
-    """The support margin after the worst single further leg has failed (conservative support polygon, 1989)."""
+    """The support margin after the worst single further leg has failed (conservative support
+    polygon, 1989).
+    """
     return min(support_margin(stance, *lifted, leg) for leg in LEGS if leg not in lifted)
 
 
 def energy_margin(stance: Stance, *lifted: int) -> float:
-    """How far (m) the centre of gravity has to rise to tip over the weakest edge (Messuri and Klein, 1985).
+    """How far (m) the centre of gravity has to rise to tip over the weakest edge (Messuri and
+    Klein, 1985).
 
     This is the energy stability margin divided by the weight; negative when the robot already tips.
     """
@@ -74,7 +82,9 @@ def energy_margin(stance: Stance, *lifted: int) -> float:
 
 
 def least_norm_loads(feet: Array, loads: Array) -> Array:
-    """The most even vertical forces on *feet* (body frame) with the same sum and moments as *loads*."""
+    """The most even vertical forces on *feet* (body frame) with the same sum and moments as
+    *loads*.
+    """
     arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]])
     even: Array = arms.T @ np.linalg.solve(arms @ arms.T, arms @ loads)
     return even
@@ -92,7 +102,9 @@ def _inward(edges: Array, arms: Array) -> Array:
 
 
 def _half_hull(points: list[Corner]) -> list[Corner]:
-    """One side of the convex hull of sorted points, without its last point (Andrew's monotone chain)."""
+    """One side of the convex hull of sorted points, without its last point (Andrew's monotone
+    chain).
+    """
     hull: list[Corner] = []
     for point in points:
         while len(hull) >= 2 and not _turns_left(hull[-2], hull[-1], point):

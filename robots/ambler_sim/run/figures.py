@@ -1,4 +1,6 @@
-"""A walk in figures: from the record of its footsteps, from its journal, and from what its programs used."""
+"""A walk in figures: from the record of its footsteps, from its journal, and from what its programs
+used.
+"""
 
 import hashlib
 import math
@@ -39,27 +41,29 @@ RECOVERIES = {
     "lost module": (),
     "lost central": (),
 }
-"""By which tasks it is seen that a fault was noticed and recovered from. After the loss of a program it is seen by the
-next footstep.
+"""By which tasks it is seen that a fault was noticed and recovered from. After the loss of a
+program it is seen by the next footstep.
 """
 
 ROUND = 8
-"""Footsteps within which a recovery belongs to a fault: each leg has moved meanwhile, and some were moved again."""
+"""Footsteps within which a recovery belongs to a fault: each leg has moved meanwhile, and some were
+moved again.
+"""
 
 CLASS = 0.05
 """Of slopes, in the histogram."""
 
 
 WARM_UP = 100.0
-"""Metres after which the memory of a program that has been started is compared with what it needs later, as many metres
-on or more.
+"""Metres after which the memory of a program that has been started is compared with what it needs
+later, as many metres on or more.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryUse:
-    """What programs need at the end, in MB: central, and all of them; and how fast (MB in 100 m) that of the one that
-    grew fastest grew, if the walk was long enough to say.
+    """What programs need at the end, in MB: central, and all of them; and how fast (MB in 100 m)
+    that of the one that grew fastest grew, if the walk was long enough to say.
     """
 
     central: float = 0.0
@@ -68,12 +72,16 @@ class MemoryUse:
     fastest: str = ""
 
     def __str__(self) -> str:
-        grew = "" if self.growth is None else f", at most {self.growth:+.1f} in 100 m ({self.fastest})"
+        grew = (
+            "" if self.growth is None else f", at most {self.growth:+.1f} in 100 m ({self.fastest})"
+        )
         return f"{self.central:.0f} and {self.all:.0f} MB{grew}"
 
 
 class Usage:
-    """What programs need while the walk goes on. A program that was started anew has another life."""
+    """What programs need while the walk goes on. A program that was started anew has another
+    life.
+    """
 
     def __init__(self) -> None:
         self._lives: defaultdict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
@@ -91,7 +99,9 @@ class Usage:
         ends = {name: self._lives[name, process][-1][1] for name, process in self._now}
         growths = [(growth_of(life), name) for (name, _), life in self._lives.items()]
         known = [(growth, name) for growth, name in growths if growth is not None]
-        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(known, default=(None, "")))
+        return MemoryUse(
+            ends.get(CENTRAL, 0.0), sum(ends.values()), *max(known, default=(None, ""))
+        )
 
 
 def growth_of(life: Sequence[tuple[float, float]]) -> float | None:
@@ -112,7 +122,9 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class RuleFigures:
-    """How many rules a walk kept of those that it had a case of, general and its own; and remarks on the others."""
+    """How many rules a walk kept of those that it had a case of, general and its own; and remarks
+    on the others.
+    """
 
     kept: int
     number: int
@@ -150,7 +162,10 @@ class Figures:
         """For people."""
         share = self.error / self.way if self.way else 0.0
         slopes = ", ".join(f"{count} x {rise}" for rise, count in self.slopes.items())
-        faults = [f"{each.recovered} of {each.injected} {kind}" for kind, each in sorted(self.faults.items())]
+        faults = [
+            f"{each.recovered} of {each.injected} {kind}"
+            for kind, each in sorted(self.faults.items())
+        ]
         checks = f"moves checked before {self.checked_before:.0%}, leg moves after {self.checked_after:.0%}"
         effort = f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}"
         return [
@@ -175,7 +190,9 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     mending = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
     recoveries = Counter(
-        task.name for task in history.tasks.values() if task.name in mending and task.state is TaskState.ACHIEVED
+        task.name
+        for task in history.tasks.values()
+        if task.name in mending and task.state is TaskState.ACHIEVED
     )
     last = steps[-1] if steps else None
     return Figures(
@@ -204,7 +221,11 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
 def _megabytes(process: int) -> float:
     """Of a process; 0 if there is none."""
     try:
-        return int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() / 1e6
+        return (
+            int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+            * resource.getpagesize()
+            / 1e6
+        )
     except (OSError, IndexError):
         return 0.0
 
@@ -216,10 +237,14 @@ def _footsteps(written: bytes) -> list[Footstep]:
 
 
 def _faults(history: History) -> dict[str, FaultFigures]:
-    """For each kind, how many began, and of how many the recovery was seen. That from the loss of a program is the
-    robot's next footstep, or its arrival.
+    """For each kind, how many began, and of how many the recovery was seen. That from the loss of a
+    program is the robot's next footstep, or its arrival.
     """
-    began, mended, steps = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list), []
+    began, mended, steps = (
+        defaultdict[str, list[float]](list),
+        defaultdict[str, list[float]](list),
+        [],
+    )
     for message in history.messages.values():
         if message.name == FAULT_BEGAN.name:
             began[FAULT_BEGAN.decode_data(message.body).kind].append(message.received)
@@ -244,14 +269,16 @@ def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
 
 
 def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:
-    """How many of the *faults* of one kind were followed by a fitting recovery within a ROUND of footsteps, each by
-    another one. All are times; recoveries and steps are sorted.
+    """How many of the *faults* of one kind were followed by a fitting recovery within a ROUND of
+    footsteps, each by another one. All are times; recoveries and steps are sorted.
     """
     found = following = 0
     for fault in sorted(faults):
         last = bisect_right(steps, fault) + ROUND
         following = max(following, bisect_left(recoveries, fault))
-        if following < len(recoveries) and recoveries[following] < (steps[last] if last < len(steps) else math.inf):
+        if following < len(recoveries) and recoveries[following] < (
+            steps[last] if last < len(steps) else math.inf
+        ):
             following += 1
             found += 1
     return found
@@ -262,7 +289,9 @@ def _rules(checked: CheckedRun) -> RuleFigures:
     if not checked.is_whole:
         return RuleFigures(0, number, ("not judged: a part of the journal can't be read",))
     idle = [judge for judge in checked.unbroken if judge.vacuous]
-    broken = {each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)}
+    broken = {
+        each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)
+    }
     vacuous = [f"no case on this walk: {judge.stated} ({judge.vacuous})" for judge in idle]
     kept = checked.rules_kept + len(checked.unbroken) - len(idle)
     return RuleFigures(kept, number - len(idle), (*reversed(broken.values()), *vacuous))
@@ -270,4 +299,7 @@ def _rules(checked: CheckedRun) -> RuleFigures:
 
 def _histogram(slopes: Sequence[float]) -> dict[str, int]:
     classes = Counter(int(slope / CLASS) for slope in slopes)
-    return {f"{CLASS * number:.0%}-{CLASS * (number + 1):.0%}": classes[number] for number in sorted(classes)}
+    return {
+        f"{CLASS * number:.0%}-{CLASS * (number + 1):.0%}": classes[number]
+        for number in sorted(classes)
+    }

@@ -1,7 +1,7 @@
 """Programs of the robot are killed while it walks, and started again: the walk goes on.
 
-Central comes back on the same journal, and knows all that it knew. What a module had in hand has failed with "module
-lost".
+Central comes back on the same journal, and knows all that it knew. What a module had in hand has
+failed with "module lost".
 """
 
 import threading
@@ -16,15 +16,17 @@ from tca_module import Client, Task, connect
 from tca_tools.supervise.programs import START_TIME, Programs
 
 PATIENCE = 4.0
-"""Seconds that all are given to come to rest, and then a planner to be asked, before a program is killed."""
+"""Seconds that all are given to come to rest, and then a planner to be asked, before a program is
+killed.
+"""
 
 _LOOK_AGAIN = 0.02  # seconds
 
 
 class ProgramKiller:
-    """Kills programs, one after the other, while a move is held and all that could be done beside it is done: so what
-    is lost does not depend on what was faster. A planner that is asked is then made to stand still, and killed with the
-    next question in hand.
+    """Kills programs, one after the other, while a move is held and all that could be done beside
+    it is done: so what is lost does not depend on what was faster. A planner that is asked is then
+    made to stand still, and killed with the next question in hand.
     """
 
     def __init__(self, programs: Programs, address: str) -> None:
@@ -38,7 +40,9 @@ class ProgramKiller:
             self._killer.join()
 
     def kill(self, task: Task, name: str) -> None:
-        """Kill a program, and return when it is back; or stop a planner, which is killed soon after."""
+        """Kill a program, and return when it is back; or stop a planner, which is killed soon
+        after.
+        """
         self.close()
         _wait(lambda: is_quiet(task), PATIENCE)
         if name in PLANNERS:
@@ -47,7 +51,9 @@ class ProgramKiller:
             self._killer.start()
             return
         process = self._programs.kill_and_restart(name)
-        _wait(lambda: is_there(task, process) or name == CENTRAL, START_TIME)  # central, once it answers
+        _wait(
+            lambda: is_there(task, process) or name == CENTRAL, START_TIME
+        )  # central, once it answers
         task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
     def _kill_when_asked(self, planner: str) -> None:
@@ -68,7 +74,9 @@ def is_quiet(task: Task) -> bool:
 
 def busy(sender: Task | Client) -> set[str]:
     """The modules to which central has given something that they have not done yet."""
-    return {one.name for one in sender.modules() if any(resource.handling for resource in one.resources)}
+    return {
+        one.name for one in sender.modules() if any(resource.handling for resource in one.resources)
+    }
 
 
 def is_there(sender: Task | Client, process: int) -> bool:

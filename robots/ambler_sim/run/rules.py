@@ -1,6 +1,7 @@
 """What must hold of every walk: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-A walk checks itself against these when it ends. Nothing here imports the robot: a journal can be checked without it.
+A walk checks itself against these when it ends. Nothing here imports the robot: a journal can be
+checked without it.
 """
 
 from bisect import bisect_left
@@ -18,27 +19,41 @@ SCANNER, CONTROLLER = "scanner", "controller"
 
 
 def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Each time that the controller begins a leg or body move, a check since it had that move last has succeeded."""
+    """Each time that the controller begins a leg or body move, a check since it had that move last
+    has succeeded.
+    """
     for move in _named(run, *MOVES):
         checks = _achieved_checks(run, move, "stability check")
         had_it_until = 0.0
         for handling in move.handlings:
-            yield move, any(since >= had_it_until and until <= handling.start for since, until in checks)
+            yield (
+                move,
+                any(since >= had_it_until and until <= handling.start for since, until in checks),
+            )
             had_it_until = handling.until
 
 
 def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Before a leg move is achieved, a check since the controller was done with it has succeeded."""
+    """Before a leg move is achieved, a check since the controller was done with it has
+    succeeded.
+    """
     for move in _named(run, MOVE_LEG):
         if move.state is TaskState.ACHIEVED:
             checks = _achieved_checks(run, move, "footfall check")
             moved = move.handlings[-1].until if move.handlings else 0.0
-            yield move, any(since >= moved and until <= move.time_of(Moment.END_ACHIEVING) for since, until in checks)
+            yield (
+                move,
+                any(
+                    since >= moved and until <= move.time_of(Moment.END_ACHIEVING)
+                    for since, until in checks
+                ),
+            )
 
 
 def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Of each step that was walked as planned, but for the first of an arc: its planner ran between the time when the
-    step before might be walked and the end of that step's moves. A step that was planned anew counts again.
+    """Of each step that was walked as planned, but for the first of an arc: its planner ran between
+    the time when the step before might be walked and the end of that step's moves. A step that was
+    planned anew counts again.
     """
     for step in _named(run, TAKE_STEPS):
         before = run.tasks.get(step.parent)
@@ -50,7 +65,9 @@ def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[T
                     yield step, planned.start < end and planned.until > begin
 
 
-def no_move_while_the_scanner_holds_the_controller(run: Run) -> Iterator[tuple[Message | Claim, bool]]:
+def no_move_while_the_scanner_holds_the_controller(
+    run: Run,
+) -> Iterator[tuple[Message | Claim, bool]]:
     """While the scanner has locked the controller, no move is handled."""
     moves = sorted((one for one in run.handlings if one.name in MOVES), key=attrgetter("start"))
     for lock in run.granted(CONTROLLER, CONTROLLER):
@@ -59,7 +76,9 @@ def no_move_while_the_scanner_holds_the_controller(run: Run) -> Iterator[tuple[M
             yield _holder(run, lock), last < 0 or moves[last].until <= lock.granted
 
 
-def image_is_taken_while_the_scanner_holds_the_controller(run: Run) -> Iterator[tuple[Message, bool]]:
+def image_is_taken_while_the_scanner_holds_the_controller(
+    run: Run,
+) -> Iterator[tuple[Message, bool]]:
     """Whenever the range finder is read, the scanner has locked the controller."""
     locks = [lock for lock in run.granted(CONTROLLER, CONTROLLER) if lock.sender == SCANNER]
     for message in run.messages.values():
@@ -99,7 +118,10 @@ def _children(run: Run, task: Task, *names: str) -> Iterator[Task]:
 def _achieved_checks(run: Run, move: Task, name: str) -> list[tuple[float, float]]:
     """From when until when the checks of a move went on that have succeeded."""
     achieved = (check for check in _children(run, move, name) if check.state is TaskState.ACHIEVED)
-    return [(check.time_of(Moment.START_HANDLING), check.time_of(Moment.END_ACHIEVING)) for check in achieved]
+    return [
+        (check.time_of(Moment.START_HANDLING), check.time_of(Moment.END_ACHIEVING))
+        for check in achieved
+    ]
 
 
 def _end_of_moves(run: Run, step: Task, planner: Handling | None) -> float:

@@ -1,4 +1,6 @@
-"""A walk: central, the Ambler's modules, its layers and the simulator, each a process; then the pictures of the run."""
+"""A walk: central, the Ambler's modules, its layers and the simulator, each a process; then the
+pictures of the run.
+"""
 
 import argparse
 import sys
@@ -28,7 +30,9 @@ from tca_module.sending.task_ref import SentTask
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 PICTURE_TIME = 300.0
-"""Seconds that the last picture may take: on a busy machine without a graphics card more than half a minute."""
+"""Seconds that the last picture may take: on a busy machine without a graphics card more than half
+a minute.
+"""
 
 LOOK_PERIOD = 0.5
 """Seconds between two looks at what the programs need."""
@@ -52,7 +56,11 @@ class Walk:
     wall: float = 0.0
 
     def __post_init__(self) -> None:
-        columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
+        columns = (
+            "[bold]{task.description}",
+            BarColumn(),
+            "{task.completed:4.1f} of {task.total:.1f} m",
+        )
         self._progress = Progress(*columns, TimeElapsedColumn(), console=console)
 
     @property
@@ -60,15 +68,23 @@ class Walk:
         """The path: pieces of equal length, first straight, then gently left and right."""
         arcs = self.options.arcs or max(2, round(self.options.metres / ARC))
         curvatures = [0.0, 0.04, -0.04]
-        return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
+        return tuple(
+            Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs)
+        )
 
     @property
     def layers(self) -> list[str]:
         """The reactive layers."""
-        return [] if self.options.bare else [name for name in LAYERS if name not in self.options.without]
+        return (
+            []
+            if self.options.bare
+            else [name for name in LAYERS if name not in self.options.without]
+        )
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
-        """The programs beside central, controller and task manager: name, Python module and arguments."""
+        """The programs beside central, controller and task manager: name, Python module and
+        arguments.
+        """
         for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
             yield name, f"modules.{name}", []
         yield "gait planner", "modules.gait planner", self.arguments
@@ -83,7 +99,9 @@ class Walk:
         """Walk, then draw; the exit code."""
         with central_in(self.folder, is_fresh=False) as (address, programs):
             for name, module, arguments in self.programs():
-                programs.start_module(name, f"robots.ambler_sim.{module.replace(' ', '_')}", *arguments)
+                programs.start_module(
+                    name, f"robots.ambler_sim.{module.replace(' ', '_')}", *arguments
+                )
             self.start_controller(programs)
             has_arrived = self.conduct(address, programs)
         titles = {"tree.svg": "task tree", "gantt.svg": "Gantt chart"}
@@ -94,24 +112,30 @@ class Walk:
         return int(not has_arrived)
 
     def start_controller(self, programs: Programs, number: int = 0) -> None:
-        """Start a controller; it takes the robot over from the one before, if there was one. With --swap-to, every
-        other one is of that kind.
+        """Start a controller; it takes the robot over from the one before, if there was one. With
+        --swap-to, every other one is of that kind.
         """
         other = ["--backend", self.options.swap_to] if self.options.swap_to and number % 2 else []
-        programs.start_module("controller", "robots.ambler_sim.modules.controller", *self.arguments, *other)
+        programs.start_module(
+            "controller", "robots.ambler_sim.modules.controller", *self.arguments, *other
+        )
 
     def conduct(self, address: str, programs: Programs) -> bool:
         """Be the task manager: send the goal and watch it being achieved; whether it was."""
         with closing(ProgramKiller(programs, address)) as killer, self._progress:
             self._bar = self._progress.add_task("walking", total=self.options.metres)
-            module = task_manager.make_module(self.show, lambda number: self.confirm(number, programs), killer.kill)
+            module = task_manager.make_module(
+                self.show, lambda number: self.confirm(number, programs), killer.kill
+            )
             module.central = address
             with module.running():
                 if not self.options.bare:
                     programs.wait_until_handled(module, GIVE_UP, *map(is_attached, self.layers))
                 for layer in self.layers:
                     module.query(is_attached(layer), timeout=START_TIME)
-                goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
+                goal = module.goal(
+                    TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs))
+                )
                 has_arrived = self.watch(goal, programs)
                 killer.close()
                 if has_arrived:
@@ -162,7 +186,9 @@ class Walk:
     def judge(self) -> Figures:
         """The walk in figures, which are also written into its folder."""
         figures = figures_of(self.folder / RECORD, self.folder / "journal", self.usage, self.wall)
-        (self.folder / "figures.json").write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
+        (self.folder / "figures.json").write_bytes(
+            msgspec.json.format(msgspec.json.encode(figures))
+        )
         return figures
 
 

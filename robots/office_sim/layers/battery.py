@@ -1,7 +1,9 @@
-"""The battery layer: when the battery runs low collecting is suspended, the robot recharges, and collecting goes on.
+"""The battery layer: when the battery runs low collecting is suspended, the robot recharges, and
+collecting goes on.
 
-A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so then. A robot that does
-not get to the charger waits and tries again; if that does not help, the shift ends.
+A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so
+then. A robot that does not get to the charger waits and tries again; if that does not help, the
+shift ends.
 """
 
 from robots.office_sim.messages import (
@@ -17,7 +19,17 @@ from robots.office_sim.messages import (
 )
 from robots.office_sim.program import run
 from robots.office_sim.vocabulary import Approach
-from tca_module import Command, Condition, ExceptionHandler, Failure, Module, PollingMonitor, Query, Task, TaskRef
+from tca_module import (
+    Command,
+    Condition,
+    ExceptionHandler,
+    Failure,
+    Module,
+    PollingMonitor,
+    Query,
+    Task,
+    TaskRef,
+)
 
 PERIOD = 2.0
 LOW = 0.3
@@ -69,7 +81,9 @@ def make_module(pace: float) -> Module:
         trouble = task.trouble
         assert trouble.attached is not None
         if trouble.invocations >= TRIES:
-            raise NOT_CHARGED(None, f"the battery could not be charged in {TRIES} tries: {trouble.text}")
+            raise NOT_CHARGED(
+                None, f"the battery could not be charged in {TRIES} tries: {trouble.text}"
+            )
         task.sleep(WAIT / pace)
         trouble.attached.retry()
 

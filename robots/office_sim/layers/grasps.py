@@ -1,6 +1,13 @@
 """The layer for grasps that fail: another try or two, then the cup is left alone for a while."""
 
-from robots.office_sim.messages import COLLECT_CUP, CUP_SLIPPED, GRASP, LEAVE_ALONE, NO_CUP_THERE, NO_WAY
+from robots.office_sim.messages import (
+    COLLECT_CUP,
+    CUP_SLIPPED,
+    GRASP,
+    LEAVE_ALONE,
+    NO_CUP_THERE,
+    NO_WAY,
+)
 from robots.office_sim.program import run
 from tca_module import ExceptionHandler, Module, Task
 

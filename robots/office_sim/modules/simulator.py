@@ -20,7 +20,9 @@ from tca_module import Module, Task
 
 
 def make_module(world: OfficeWorld, pace: float) -> Module:
-    """The module. From when the lab is opened, its time passes *pace* times as fast as that of the programs."""
+    """The module. From when the lab is opened, its time passes *pace* times as fast as that of the
+    programs.
+    """
     simulator = Module("simulator")
     opened: list[float] = []
     simulator.handles(OPEN_LAB)(lambda task: opened.append(task.time()))
@@ -50,10 +52,18 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.office_sim.modules.simulator", description=__doc__)
-    parser.add_argument("--pace", type=float, default=1.0, help="how fast the lab's time passes (%(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="which lab, and which cups (%(default)s)")
-    parser.add_argument("--shift", type=float, default=240.0, help="seconds in which cups fall (%(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="python -m robots.office_sim.modules.simulator", description=__doc__
+    )
+    parser.add_argument(
+        "--pace", type=float, default=1.0, help="how fast the lab's time passes (%(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="which lab, and which cups (%(default)s)"
+    )
+    parser.add_argument(
+        "--shift", type=float, default=240.0, help="seconds in which cups fall (%(default)s)"
+    )
     options = parser.parse_args()
     make_module(OfficeWorld(options.seed, options.shift), options.pace).run()
 

@@ -34,7 +34,9 @@ def make_module(pace: float) -> Module:
     @manager.handles(FIND_NEW_CUP)
     def find_new_cup(task: Task) -> Cup | None:
         """A cup for which there is no goal: the task tree is all that is known of these."""
-        known = _cups_with_goals(task) | {number for number, until in alone.items() if task.time() < until}
+        known = _cups_with_goals(task) | {
+            number for number, until in alone.items() if task.time() < until
+        }
         return next((cup for cup in task.query(CUPS_IN_VIEW) if cup.number not in known), None)
 
     @manager.handles(ADD_CUP)

@@ -1,4 +1,6 @@
-"""Vision: finds cups in the pictures of the camera on the ceiling, and knows each of them again in the next one."""
+"""Vision: finds cups in the pictures of the camera on the ceiling, and knows each of them again in
+the next one.
+"""
 
 from contextlib import suppress
 
@@ -14,7 +16,9 @@ NEAR = 0.15
 """Metres within which what lies in two pictures is the same cup."""
 
 PATIENCE = 3
-"""A cup that is in none of so many pictures is out of view: in one or two it may have been overlooked."""
+"""A cup that is in none of so many pictures is out of view: in one or two it may have been
+overlooked.
+"""
 
 
 class CupTracks:

@@ -4,7 +4,9 @@ from tca_behaviours.missions import Mission
 
 
 def background(mission: Mission) -> str:
-    """Say which of two places the turtle comes to first; then make sure that it comes to the other, too."""
+    """Say which of two places the turtle comes to first; then make sure that it comes to the other,
+    too.
+    """
     left = mission.WaitForROI(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0)
     right = mission.WaitForROI(foreground=False, roi_x=9.0, roi_y=6.0, roi_radius=1.0)
     way = mission.GoTo(foreground=False, goal_x=9.0, goal_y=6.0)

@@ -4,7 +4,9 @@ from tca_behaviours.missions import ConditionIsCompleted, ConditionVerified, Mis
 
 
 def interrupted(mission: Mission, goal_x: float = 0.0, goal_y: float = 6.0) -> None:
-    """Go somewhere, unless the turtle comes through a region on its way: then draw a circle there instead."""
+    """Go somewhere, unless the turtle comes through a region on its way: then draw a circle there
+    instead.
+    """
     watch = mission.WaitForROI(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0)
     mission.add_condition(ConditionIsCompleted(watch, "ROI detector"))
     try:

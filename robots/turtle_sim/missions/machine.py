@@ -9,7 +9,9 @@ POINTS = ((1.0, 9.0), (9.0, 9.0), (9.0, 1.0))
 
 
 def machine(points: Iterable[tuple[float, float]] = POINTS) -> Sequence:
-    """Goes round by some points, but from where it meets the region of interest straight to the middle; for ever."""
+    """Goes round by some points, but from where it meets the region of interest straight to the
+    middle; for ever.
+    """
     with Sequence("patrol") as sm:
         init = sm.Wait(duration=1.0)
         sm.GoTo(goal_x=1.0, goal_y=1.0)

@@ -1,7 +1,9 @@
-"""Three missions with checkpoints: each turtle has a task server and a mission of its own, and sees of the others only
-their statuses. 1 means: I am where I was to go first; 0: I am home (or have not begun).
+"""Three missions with checkpoints: each turtle has a task server and a mission of its own, and sees
+of the others only their statuses. 1 means: I am where I was to go first; 0: I am home (or have not
+begun).
 
-Each waits until the turtles that must have seen its status have answered it with theirs, before it changes it.
+Each waits until the turtles that must have seen its status have answered it with theirs, before it
+changes it.
 """
 
 import sys

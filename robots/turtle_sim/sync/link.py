@@ -1,4 +1,6 @@
-"""A robot's link to its partners: datagrams (UDP) that may be lost, repeated until they are acknowledged."""
+"""A robot's link to its partners: datagrams (UDP) that may be lost, repeated until they are
+acknowledged.
+"""
 
 import random
 import socket
@@ -15,17 +17,21 @@ REPEAT = 0.05
 
 
 class StatusLink:
-    """Tells partners the status of this robot, and knows theirs. Has a thread; may be used from any thread.
+    """Tells partners the status of this robot, and knows theirs. Has a thread; may be used from any
+    thread.
 
-    It believes whatever comes from a partner's address: on an open network let the partners talk through a tunnel.
+    It believes whatever comes from a partner's address: on an open network let the partners talk
+    through a tunnel.
     """
 
     def __init__(self, name: str, team: Team, *, loss: float = 0.0) -> None:
-        """The robot of that name in the *team*; the others are its partners. Of the datagrams that it sends the part
-        *loss* is thrown away, for trials. Raises BadTeam.
+        """The robot of that name in the *team*; the others are its partners. Of the datagrams that
+        it sends the part *loss* is thrown away, for trials. Raises BadTeam.
         """
         if name not in team:
-            raise BadTeam(f"'{name}' is not in the team: it is one of {', '.join(team) or 'nobody'}")
+            raise BadTeam(
+                f"'{name}' is not in the team: it is one of {', '.join(team) or 'nobody'}"
+            )
         self._own = team[name]
         self._addresses = {partner: address for partner, address in team.items() if partner != name}
         self._statuses = Statuses(name, self._addresses)
@@ -43,7 +49,9 @@ class StatusLink:
         except OSError as error:
             self._socket.close()
             host, port = self._own
-            raise BadTeam(f"'{self._statuses.name}' can't listen at {host}:{port}: {error}") from None
+            raise BadTeam(
+                f"'{self._statuses.name}' can't listen at {host}:{port}: {error}"
+            ) from None
         self._socket.settimeout(REPEAT)
         self._thread.start()
         return self
@@ -54,7 +62,7 @@ class StatusLink:
         self._thread.join()
         self._socket.close()
 
-    # --- statuses --------------------------------------------------------------------------------------------------
+    # --- statuses ---------------------------------------------------------------------------------
 
     def set_status(self, status: int) -> None:
         """Change the status of this robot, and tell the partners."""
@@ -63,7 +71,9 @@ class StatusLink:
             self._send_due()
 
     def status(self, partner: str) -> int | None:
-        """The newest that is known of a partner; None before anything was heard. Raises NoSuchPartner."""
+        """The newest that is known of a partner; None before anything was heard. Raises
+        NoSuchPartner.
+        """
         with self._lock:
             return self._statuses.status(partner)
 
@@ -72,7 +82,7 @@ class StatusLink:
         with self._lock:
             return self._statuses.words(partner)
 
-    # --- datagrams -------------------------------------------------------------------------------------------------
+    # --- datagrams --------------------------------------------------------------------------------
 
     def _serve(self) -> None:
         partners = {address: partner for partner, address in self._addresses.items()}

@@ -1,11 +1,14 @@
-"""What each of several robots knows of the status of all, and how it gets to know that. Pure: no socket, no clock.
+"""What each of several robots knows of the status of all, and how it gets to know that. Pure: no
+socket, no clock.
 
-Each robot sets its own status, under a version that only grows. A datagram holds all that its sender knows, and
-the receiver takes over what is newer. So a datagram may be lost, doubled or late: the next one makes up for it.
+Each robot sets its own status, under a version that only grows. A datagram holds all that its
+sender knows, and the receiver takes over what is newer. So a datagram may be lost, doubled or late:
+the next one makes up for it.
 
-Two things follow. A robot's own entry in a partner's datagram is the acknowledgement: a robot repeats its datagram
-only to partners that don't know yet what it knows. And news never overtake their causes: if turtle 2 set its status
-because of turtle 1's, then all who have heard of turtle 2's new status have heard of turtle 1's, too.
+Two things follow. A robot's own entry in a partner's datagram is the acknowledgement: a robot
+repeats its datagram only to partners that don't know yet what it knows. And news never overtake
+their causes: if turtle 2 set its status because of turtle 1's, then all who have heard of turtle
+2's new status have heard of turtle 1's, too.
 """
 
 from collections.abc import Iterable
@@ -21,7 +24,9 @@ LARGEST = 8_192
 Version = Annotated[int, msgspec.Meta(ge=1, le=2**53)]
 
 
-class VersionedStatus(msgspec.Struct, frozen=True, array_like=True, order=True, forbid_unknown_fields=True):
+class VersionedStatus(
+    msgspec.Struct, frozen=True, array_like=True, order=True, forbid_unknown_fields=True
+):
     """A robot's status, and its version."""
 
     version: Version
@@ -43,20 +48,26 @@ class Statuses:
         self.name = name
         self.partners = tuple(partners)
         self.known = {name: VersionedStatus(1, status)}
-        self._told: dict[str, dict[str, VersionedStatus]] = {partner: {} for partner in self.partners}
+        self._told: dict[str, dict[str, VersionedStatus]] = {
+            partner: {} for partner in self.partners
+        }
         self._other_names: dict[str, str] = {}
 
-    # --- what missions ask -----------------------------------------------------------------------------------------
+    # --- what missions ask ------------------------------------------------------------------------
 
     def set(self, status: int) -> None:
         """Change one's own status."""
         self.known[self.name] = VersionedStatus(self.known[self.name].version + 1, status)
 
     def status(self, partner: str) -> int | None:
-        """The newest that is known of a partner; None before anything was heard. Raises NoSuchPartner."""
+        """The newest that is known of a partner; None before anything was heard. Raises
+        NoSuchPartner.
+        """
         if partner not in self._told:
             known = ", ".join(self.partners) or "none"
-            raise NoSuchPartner(f"'{self.name}' has no partner '{partner}': its partners are {known}")
+            raise NoSuchPartner(
+                f"'{self.name}' has no partner '{partner}': its partners are {known}"
+            )
         return self.known[partner].status if partner in self.known else None
 
     def words(self, partner: str) -> str:
@@ -69,16 +80,20 @@ class Statuses:
 
     def waiting_for(self) -> list[str]:
         """The partners who have not acknowledged all that is known here."""
-        return [partner for partner, theirs in self._told.items() if not _covers(theirs, self.known)]
+        return [
+            partner for partner, theirs in self._told.items() if not _covers(theirs, self.known)
+        ]
 
-    # --- what the link asks ----------------------------------------------------------------------------------------
+    # --- what the link asks -----------------------------------------------------------------------
 
     def due(self) -> list[tuple[str, bytes]]:
         """What must be sent (again) now, and to whom."""
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
-        """Take a datagram of a partner; the answer that must be sent at once, if any. Raises DamagedDatagram."""
+        """Take a datagram of a partner; the answer that must be sent at once, if any. Raises
+        DamagedDatagram.
+        """
         try:
             datagram = _DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -94,7 +109,9 @@ class Statuses:
         mine = self.known.get(robot)
         if mine is not None and heard <= mine:
             return
-        if robot == self.name and mine is not None:  # from before this robot was started anew: go on above that
+        if (
+            robot == self.name and mine is not None
+        ):  # from before this robot was started anew: go on above that
             heard = VersionedStatus(heard.version + 1, mine.status)
         self.known[robot] = heard
 

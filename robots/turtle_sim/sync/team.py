@@ -20,7 +20,9 @@ Team = dict[str, Address]
 def free_team(*names: str) -> Team:
     """A team on this machine, at ports that nobody has now: for shows and tests."""
     with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names]
+        sockets = [
+            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names
+        ]
         for one in sockets:
             one.bind(("127.0.0.1", 0))
         return dict(zip(names, (one.getsockname() for one in sockets), strict=True))
@@ -44,7 +46,9 @@ def address_of(name: str, text: object) -> Address:
     """Where the robot of that name is reached. Raises BadTeam."""
     host, _, port = text.rpartition(":") if isinstance(text, str) else ("", "", "")
     if not host or not port.isdecimal() or int(port) >= 2**16:
-        raise BadTeam(f"the address of '{name}' is HOST:PORT, as in {name} = \"127.0.0.1:7500\", not {text!r:.60}")
+        raise BadTeam(
+            f"the address of '{name}' is HOST:PORT, as in {name} = \"127.0.0.1:7500\", not {text!r:.60}"
+        )
     try:
         return socket.gethostbyname(host), int(port)
     except OSError as error:

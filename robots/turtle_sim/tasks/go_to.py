@@ -14,7 +14,9 @@ class GoTo(PeriodicTask[TurtleEnvironment]):
     k_v: float = parameter(1.0, "Gain for velocity control", minimum=0)
     k_alpha: float = parameter(1.0, "Gain for angular control", minimum=0)
     max_velocity: float = parameter(1.0, "Max allowed velocity", minimum=0)
-    dist_threshold: float = parameter(0.1, "Distance at which the target is considered reached", minimum=0)
+    dist_threshold: float = parameter(
+        0.1, "Distance at which the target is considered reached", minimum=0
+    )
 
     def iterate(self) -> Status:
         """Turn on the spot until the goal is about ahead; then drive there."""
@@ -27,7 +29,9 @@ class GoTo(PeriodicTask[TurtleEnvironment]):
         if abs(alpha) > pi / 6:
             self.env.publish_velocity(self.task, 0.0, copysign(pi / 6, alpha))
         else:
-            self.env.publish_velocity(self.task, min(self.k_v * distance, self.max_velocity), self.k_alpha * alpha)
+            self.env.publish_velocity(
+                self.task, min(self.k_v * distance, self.max_velocity), self.k_alpha * alpha
+            )
         return Status.RUNNING
 
     def terminate(self) -> None:

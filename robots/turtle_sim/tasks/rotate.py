@@ -11,7 +11,9 @@ class Rotate(PeriodicTask[TurtleEnvironment]):
 
     angle: float = parameter(tau / 4, "Radians, to the left")
     velocity: float = parameter(0.5, "Radians a second", minimum=0.01, maximum=10)
-    threshold: float = parameter(0.02, "Radians at which the angle is considered reached", minimum=0)
+    threshold: float = parameter(
+        0.02, "Radians at which the angle is considered reached", minimum=0
+    )
 
     def initialise(self) -> None:
         """Keep what is left to turn, and where the turtle looks."""
@@ -24,7 +26,9 @@ class Rotate(PeriodicTask[TurtleEnvironment]):
         self._theta = theta
         if abs(self._left) < self.threshold:
             return Status.COMPLETED
-        self.env.publish_velocity(self.task, 0.0, copysign(min(self.velocity, abs(self._left)), self._left))
+        self.env.publish_velocity(
+            self.task, 0.0, copysign(min(self.velocity, abs(self._left)), self._left)
+        )
         return Status.RUNNING
 
     def terminate(self) -> None:

@@ -17,7 +17,9 @@ T = TypeVar("T")
 
 
 class _Exclusion:
-    """One thread at a time is inside a component. Processors take turns anyway, so that none ever waits here."""
+    """One thread at a time is inside a component. Processors take turns anyway, so that none ever
+    waits here.
+    """
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -39,9 +41,14 @@ class ComponentActivity:
     """An activity of a component. If *state* is given it does nothing while that is not active."""
 
     def __init__(
-        self, component: "Component[Any]", name: str, step: Step, period: float, estimate: float | None,
+        self,
+        component: "Component[Any]",
+        name: str,
+        step: Step,
+        period: float,
+        estimate: float | None,
         state: RegionState | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name = f"{component.name}.{name}"
         self.component = component.name
         self.period = period
@@ -61,13 +68,19 @@ class ComponentActivity:
 
 
 class Component(Generic[D]):
-    """A component that others know by its ports only. Subclasses declare ports and regions in ``__init__``.
+    """A component that others know by its ports only. Subclasses declare ports and regions in
+    ``__init__``.
 
     *data* makes what its activities share. *period* and *estimate* are those of its port handler.
     """
 
     def __init__(
-        self, name: str, data: Callable[[], D], *, period: float = 0.02, estimate: float | None = None
+        self,
+        name: str,
+        data: Callable[[], D],
+        *,
+        period: float = 0.02,
+        estimate: float | None = None,
     ) -> None:
         self.name = name
         self.inputs: dict[str, InputPort[Any]] = {}
@@ -82,11 +95,13 @@ class Component(Generic[D]):
     def __repr__(self) -> str:
         return f"{type(self).__name__} '{self.name}'"
 
-    # --- how it is written ------------------------------------------------------------------------------------------
+    # --- how it is written ------------------------------------------------------------------------
 
-    def input(self, name: str, type_: type[T], take: Callable[[T], object], *, keep: int = 1) -> InputPort[T]:
-        """An input port. The port handler calls *take* with each value that has arrived: with the newest one only, or
-        with the *keep* newest ones, the oldest first.
+    def input(
+        self, name: str, type_: type[T], take: Callable[[T], object], *, keep: int = 1
+    ) -> InputPort[T]:
+        """An input port. The port handler calls *take* with each value that has arrived: with the
+        newest one only, or with the *keep* newest ones, the oldest first.
         """
         self._check_new(name)
         port = self.inputs[name] = InputPort(self.name, name, type_, take, keep)
@@ -106,9 +121,11 @@ class Component(Generic[D]):
 
     def _check_new(self, name: str) -> None:
         if name in {**self.inputs, **self.outputs, **self.regions}:
-            raise MisuseError(f"{self!r} has two ports or regions '{name}': give one of them another name")
+            raise MisuseError(
+                f"{self!r} has two ports or regions '{name}': give one of them another name"
+            )
 
-    # --- at work ----------------------------------------------------------------------------------------------------
+    # --- at work ----------------------------------------------------------------------------------
 
     @property
     def data(self) -> D:
@@ -119,19 +136,25 @@ class Component(Generic[D]):
         return self._data
 
     def post(self, event: str) -> None:
-        """Tell all regions of an event; from any thread. Raises MisuseError if none has a transition for it."""
+        """Tell all regions of an event; from any thread. Raises MisuseError if none has a
+        transition for it.
+        """
         check_known(f"{self!r} has no event", event, sorted(self._takers))
         for region in self._takers[event]:
             region.events.append(event)
 
     def activities(self) -> list[ComponentActivity]:
-        """All its activities, in the order in which data pass through them: the port handler, the state machine
-        handlers of the regions, the activities of the states. Raises UnsoundMachine.
+        """All its activities, in the order in which data pass through them: the port handler, the
+        state machine handlers of the regions, the activities of the states. Raises UnsoundMachine.
         """
         self._check()
         found: list[ComponentActivity] = []
         if self.inputs:
-            found.append(ComponentActivity(self, "port handler", self._take_arrived, self._period, self._estimate))
+            found.append(
+                ComponentActivity(
+                    self, "port handler", self._take_arrived, self._period, self._estimate
+                )
+            )
         for region in self.regions.values():
             name = f"{region.name}.machine"
             found.append(ComponentActivity(self, name, region.tick, region.period, region.estimate))
@@ -139,7 +162,9 @@ class Component(Generic[D]):
             for state in region.states.values():
                 if step := state.activity:
                     name = f"{region.name}.{state.label}"
-                    found.append(ComponentActivity(self, name, step, state.period, state.estimate, state))
+                    found.append(
+                        ComponentActivity(self, name, step, state.period, state.estimate, state)
+                    )
         return found
 
     def initialise(self) -> None:
@@ -169,14 +194,16 @@ class Component(Generic[D]):
         for port in self.inputs.values():
             port.take_arrived()
 
-    # --- what must be true of it ------------------------------------------------------------------------------------
+    # --- what must be true of it ------------------------------------------------------------------
 
     @cached_property
     def _takers(self) -> dict[str, list[Region]]:
         """By the events: the regions that have transitions for them."""
         takers: dict[str, list[Region]] = {}
         for region in self.regions.values():
-            for event in {event: None for state in region.states.values() for event in state.by_event if event}:
+            for event in {
+                event: None for state in region.states.values() for event in state.by_event if event
+            }:
                 takers.setdefault(event, []).append(region)
         return takers
 
@@ -190,18 +217,23 @@ class Component(Generic[D]):
     def _named(self, need: str, transition: RegionTransition) -> RegionState:
         region, _, state = need.partition(".")
         if region not in self.regions or state not in self.regions[region].states:
-            raise UnsoundMachine(f"{transition!r} needs '{need}', which is no state: write \"region.state\"")
+            raise UnsoundMachine(
+                f"{transition!r} needs '{need}', which is no state: write \"region.state\""
+            )
         return self.regions[region].states[state]
 
 
 def initialise(components: Iterable[Component[Any]]) -> None:
-    """Begin anew: data, ports and regions are as at first, then entry functions are called. Connected components are
-    initialised together, so that what one sets at its beginning arrives at the other.
+    """Begin anew: data, ports and regions are as at first, then entry functions are called.
+    Connected components are initialised together, so that what one sets at its beginning arrives at
+    the other.
     """
     components = list(components)
     for component in components:
         if component.turn.is_mine():
-            raise MisuseError(f"{component!r} can't be initialised from a tick of its own: use another thread")
+            raise MisuseError(
+                f"{component!r} can't be initialised from a tick of its own: use another thread"
+            )
     for component in components:
         component.forget()
     for component in components:

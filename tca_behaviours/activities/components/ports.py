@@ -14,7 +14,9 @@ class _Port(Generic[T]):
 
     def __init__(self, component: str, name: str, type_: type[T]) -> None:
         if not isinstance(type_, type):
-            raise MisuseError(f"{component}.{name}: the type of a port is a class, not {type_!r:.60}")
+            raise MisuseError(
+                f"{component}.{name}: the type of a port is a class, not {type_!r:.60}"
+            )
         self.component = component
         self.name = name
         self.type = type_
@@ -25,16 +27,21 @@ class _Port(Generic[T]):
 
     def _check(self, value: T) -> None:
         if not isinstance(value, self._fits):
-            raise MisuseError(f"port {self!r} does not take {value!r:.60}, of type {type(value).__name__}")
+            raise MisuseError(
+                f"port {self!r} does not take {value!r:.60}, of type {type(value).__name__}"
+            )
 
 
 class InputPort(_Port[T]):
-    """Holds the values that have arrived until the component's port handler takes them, each with a call of *take*.
+    """Holds the values that have arrived until the component's port handler takes them, each with a
+    call of *take*.
 
     It keeps the newest value, or a queue of the *keep* newest ones.
     """
 
-    def __init__(self, component: str, name: str, type_: type[T], take: Callable[[T], object], keep: int = 1) -> None:
+    def __init__(
+        self, component: str, name: str, type_: type[T], take: Callable[[T], object], keep: int = 1
+    ) -> None:
         super().__init__(component, name, type_)
         if keep < 1:
             raise MisuseError(f"port {self!r}: keep must be 1 or more, not {keep}")
@@ -88,9 +95,15 @@ class OutputPort(_Port[T]):
 
 
 def connect(output: OutputPort[T], input_: InputPort[T]) -> None:
-    """Let all that is set at *output* arrive at *input_*. Raises MisuseError if their types do not fit."""
+    """Let all that is set at *output* arrive at *input_*. Raises MisuseError if their types do not
+    fit.
+    """
     if not isinstance(output, OutputPort) or not isinstance(input_, InputPort):
-        raise MisuseError(f"an output port is connected with an input port, not {output!r:.60} with {input_!r:.60}")
+        raise MisuseError(
+            f"an output port is connected with an input port, not {output!r:.60} with {input_!r:.60}"
+        )
     if not input_.fits(output):
-        raise MisuseError(f"port {output!r} can't be connected with {input_!r}: give both the same type")
+        raise MisuseError(
+            f"port {output!r} can't be connected with {input_!r}: give both the same type"
+        )
     output.on_set(input_.put)

@@ -1,6 +1,8 @@
-"""A region at work: one of its leaf states is active, and a tick of its machine makes one transition at most.
+"""A region at work: one of its leaf states is active, and a tick of its machine makes one
+transition at most.
 
-So the execution time of a tick is bounded (decision 95). Events wait in the region until one leads somewhere.
+So the execution time of a tick is bounded (decision 95). Events wait in the region until one leads
+somewhere.
 """
 
 from collections import deque
@@ -32,7 +34,9 @@ class RegionChange(msgspec.Struct, frozen=True):
 
 
 class Region:
-    """One of the orthogonal regions of a component. A test compares it with ``LibraryInterpreter``, its oracle."""
+    """One of the orthogonal regions of a component. A test compares it with ``LibraryInterpreter``,
+    its oracle.
+    """
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
         self.root = RegionState(f"{component}.{name}" if component else name, None)
@@ -78,7 +82,7 @@ class Region:
         """Its structure as data."""
         return chart_of(self.name, list(self.root.all())[1:])
 
-    # --- at work ----------------------------------------------------------------------------------------------------
+    # --- at work ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
         """Go to the first state, without its entry function."""
@@ -93,7 +97,9 @@ class Region:
                 state.entry()
 
     def tick(self) -> None:
-        """Make the transition to which the oldest event leads; if none does, one without an event that may be made."""
+        """Make the transition to which the oldest event leads; if none does, one without an event
+        that may be made.
+        """
         events = self.events
         while events:
             if self.take(events.popleft()):
@@ -101,8 +107,8 @@ class Region:
         self.take("")
 
     def take(self, event: str) -> Sequence[RegionTransition]:
-        """Tell it of an event. The transition that was made, if any: of the innermost state first, then in the order
-        written.
+        """Tell it of an event. The transition that was made, if any: of the innermost state first,
+        then in the order written.
         """
         for state in self.active:
             for arrow in state.by_event.get(event, ()):
@@ -112,8 +118,8 @@ class Region:
         return ()
 
     def _make(self, arrow: RegionTransition) -> None:
-        """Leave states up to the one around both ends, and enter those down to the target. The region is whole whatever
-        an exit or entry function raises: still there, or there already.
+        """Leave states up to the one around both ends, and enter those down to the target. The
+        region is whole whatever an exit or entry function raises: still there, or there already.
         """
         staying = arrow.around
         for state in self.active:

@@ -15,7 +15,9 @@ def every(period: float, estimate: float | None) -> str:
 
 
 class RegionState(State["RegionState", "RegionTransition"]):
-    """A state of a region: a leaf, or one that holds others, the first of which is entered with it."""
+    """A state of a region: a leaf, or one that holds others, the first of which is entered with
+    it.
+    """
 
     def __init__(self, label: str, parent: "RegionState | None") -> None:
         super().__init__(StateKind.WAIT, label, parent)
@@ -39,7 +41,9 @@ class RegionState(State["RegionState", "RegionTransition"]):
             yield f"exit: {name_of(self.exit)}"
 
     def ways(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data: a line for the event, and for each condition."""
+        """The transitions that lead out of it, as data: a line for the event, and for each
+        condition.
+        """
         for arrow in self.arrows:
             conditions = ",\n".join(arrow.conditions)
             symbol = "\n".join(filter(None, [arrow.event, conditions and f"[{conditions}]"]))
@@ -55,11 +59,14 @@ class RegionState(State["RegionState", "RegionTransition"]):
         period: float | None = None,
         estimate: float | None = None,
     ) -> "RegionState":
-        """A state inside it; the first one is entered first. Its *activity* is ticked while it is active, once a
-        *period*, and takes *estimate* seconds at most. *entry* and *exit* are called when it is entered and left.
+        """A state inside it; the first one is entered first. Its *activity* is ticked while it is
+        active, once a *period*, and takes *estimate* seconds at most. *entry* and *exit* are called
+        when it is entered and left.
         """
         if name in self.beside:
-            raise MisuseError(f"'{self.region}' has two states '{name}': give one of them another name")
+            raise MisuseError(
+                f"'{self.region}' has two states '{name}': give one of them another name"
+            )
         if name == "machine" or not name:
             raise MisuseError(f"'{self.region}': a state can't be called '{name}'")
         state = RegionState(name, self)
@@ -80,8 +87,9 @@ class RegionState(State["RegionState", "RegionTransition"]):
         when: Callable[[], bool] | None = None,
         needs: Iterable[str] = (),
     ) -> None:
-        """A transition: by the event *on*, or without one, as soon as it may be made. It may be made when the guard
-        *when* returns true and the states that it *needs*, such as "enabling.enabled", are active.
+        """A transition: by the event *on*, or without one, as soon as it may be made. It may be
+        made when the guard *when* returns true and the states that it *needs*, such as
+        "enabling.enabled", are active.
         """
         if self.beside.get(target.label) is not target:
             raise MisuseError(
@@ -97,7 +105,12 @@ class RegionTransition(Arrow[RegionState]):
     """A transition from one state of a region to another."""
 
     def __init__(
-        self, source: RegionState, target: RegionState, event: str, when: Callable[[], bool] | None, needs: list[str]
+        self,
+        source: RegionState,
+        target: RegionState,
+        event: str,
+        when: Callable[[], bool] | None,
+        needs: list[str],
     ) -> None:
         guard = [name_of(when)] if when is not None else []
         super().__init__(source, target, event, (*guard, *needs))

@@ -1,4 +1,6 @@
-"""The manager: it publishes an application, and has its commands carried out, in a module of the user's."""
+"""The manager: it publishes an application, and has its commands carried out, in a module of the
+user's.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -21,7 +23,9 @@ _PICTURES, _FIGURES = 2, 10
 
 
 class Manager:
-    """Has an application known to central. *controls* are buttons for its page; *picture* draws its SVG."""
+    """Has an application known to central. *controls* are buttons for its page; *picture* draws its
+    SVG.
+    """
 
     def __init__(
         self,
@@ -44,8 +48,8 @@ class Manager:
         application.on_add(self._take_component)
 
     def handle_in(self, module: Module) -> None:
-        """Publish in this module, and handle commands, once it runs. It has a resource of its own for that, so that
-        other handlers of the module hold nothing up.
+        """Publish in this module, and handle commands, once it runs. It has a resource of its own
+        for that, so that other handlers of the module hold nothing up.
         """
         self._module_name, application = module.name, self.application
         resource = module.resource(f"application {self.application.name}")
@@ -54,8 +58,12 @@ class Manager:
         steps: dict[Any, Callable[[Any], object]] = {
             self.messages.allocate: application.allocate,
             self.messages.move: self._move,
-            self.messages.set_period: lambda change: application.set_period(change.activity, change.period),
-            self.messages.set_priority: lambda change: application.set_priority(change.processor, change.priority),
+            self.messages.set_period: lambda change: application.set_period(
+                change.activity, change.period
+            ),
+            self.messages.set_priority: lambda change: application.set_priority(
+                change.processor, change.priority
+            ),
             self.messages.set_policy: self._set_policy,
             self.messages.initialise: lambda _: application.initialise(),
             self.messages.start: lambda _: application.start(),
@@ -64,7 +72,7 @@ class Manager:
         for message, step in steps.items():
             module.handles(message, resource=resource)(_handler(step))
 
-    # --- commands ---------------------------------------------------------------------------------------------------
+    # --- commands ---------------------------------------------------------------------------------
 
     def _move(self, move: messages.ActivityMove) -> None:
         if move.processor:
@@ -76,7 +84,7 @@ class Manager:
         check_known("there is no policy", name, POLICIES)
         self.application.allocate(POLICIES[name])
 
-    # --- what is told -----------------------------------------------------------------------------------------------
+    # --- what is told -----------------------------------------------------------------------------
 
     def _take_change(self) -> None:
         self._is_reallocated = True
@@ -94,9 +102,13 @@ class Manager:
             self._is_behind = True  # what was told meanwhile may be lost
 
     def _publish_news(self, sender: Sender) -> None:
-        """Whatever has changed. With a component more it is everything, and for a central that is new or was away."""
+        """Whatever has changed. With a component more it is everything, and for a central that is
+        new or was away.
+        """
         is_second = self._looks % _FIGURES == 0
-        if self._is_behind or (is_second and sender.get_variable(self.messages.application, None) is None):
+        if self._is_behind or (
+            is_second and sender.get_variable(self.messages.application, None) is None
+        ):
             self._publish_all(sender)
         if self._changes:
             self._publish_states(sender)
@@ -111,7 +123,9 @@ class Manager:
         self._is_behind = False
         name, components = self.application.name, self.application.components
         entries = [_component_entry(component) for component in components.values()]
-        entry = messages.ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
+        entry = messages.ApplicationEntry(
+            name, self._module_name, entries, list(POLICIES), self._controls
+        )
         self._drawn = ""
         sender.set_variable(self.messages.application, entry)
         self._publish_allocation(sender)
@@ -154,4 +168,6 @@ def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
 
 
 def _component_entry(component: Component[Any]) -> messages.ComponentEntry:
-    return messages.ComponentEntry(component.name, [region.chart for region in component.regions.values()])
+    return messages.ComponentEntry(
+        component.name, [region.chart for region in component.regions.values()]
+    )

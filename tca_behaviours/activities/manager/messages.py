@@ -1,4 +1,6 @@
-"""What an application tells central, and the commands that it takes. Their names have the application's in them."""
+"""What an application tells central, and the commands that it takes. Their names have the
+application's in them.
+"""
 
 import msgspec
 
@@ -31,7 +33,10 @@ class ControlField(msgspec.Struct, frozen=True):
 _NAME = instance_of("a name, such as MESSAGE.name", str)
 _DATA = ArgumentKind(
     "a dictionary of texts, numbers and bools, such as {'': ...} for the whole data",
-    lambda data: isinstance(data, dict) and all(isinstance(value, str | int | float) for value in data.values()),
+    lambda data: (
+        isinstance(data, dict)
+        and all(isinstance(value, str | int | float) for value in data.values())
+    ),
 )
 _FIELDS = list_of("a list of ControlFields", instance_of("a ControlField", ControlField))
 
@@ -74,7 +79,9 @@ class StatesReport(msgspec.Struct, frozen=True):
 
 
 class ActivityMove(msgspec.Struct, frozen=True):
-    """Have another processor tick an activity: one that is there, or a new one; empty: none ticks it any more."""
+    """Have another processor tick an activity: one that is there, or a new one; empty: none ticks
+    it any more.
+    """
 
     activity: str
     processor: str
@@ -109,9 +116,13 @@ class ApplicationMessages:
     def __init__(self, name: str) -> None:
         self.application = Variable(f"{APPLICATION}{name}", ApplicationEntry)
         self.allocation = Variable(f"activities of {name}", AllocationReport)  #: on every change
-        self.states = Variable(f"states of {name}", StatesReport)  #: on changes, at most ten times a second
+        self.states = Variable(
+            f"states of {name}", StatesReport
+        )  #: on changes, at most ten times a second
         self.figures = Variable(f"figures of {name}", ApplicationFigures)  #: once a second
-        self.picture = Variable(f"picture of {name}", str)  #: SVG, on changes, at most five times a second
+        self.picture = Variable(
+            f"picture of {name}", str
+        )  #: SVG, on changes, at most five times a second
         self.allocate = Command(f"allocate activities of {name}", dict[str, list[str]])
         """The activities of each processor, in order of subscription."""
         self.move = Command(f"move activity of {name}", ActivityMove)

@@ -44,7 +44,8 @@ def generated(model: ApplicationModel) -> Iterator[str]:
     for name, component in model.components.items():
         yield from _class("@dataclass", f"{name}Data", f"Data that the activities of {name} share.")
         yield from _fields(
-            f"{field}: {type(value).__name__} = {literal(value)}" for field, value in component.data.items()
+            f"{field}: {type(value).__name__} = {literal(value)}"
+            for field, value in component.data.items()
         )
         yield from _base(name, component)
 
@@ -67,7 +68,9 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
     yield from _class("", f"{name}Base(Component[{data}], ABC)", f"The base of {name}.")
     yield ""
     yield f"    def __init__(self, name: str, data: Callable[[], {data}] = {data}) -> None:"
-    yield from call(8, "super().__init__(", ["name", "data", *_times(component.period, component.estimate)])
+    yield from call(
+        8, "super().__init__(", ["name", "data", *_times(component.period, component.estimate)]
+    )
     for port, input_ in component.inputs.items():
         keep = [f"keep={input_.keep}"] if input_.keep > 1 else []
         arguments = [literal(port), input_.type, f"self.take_{port}", *keep]
@@ -75,7 +78,9 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
     for port, kind in component.outputs.items():
         yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
     for region, one in component.regions.items():
-        yield from call(8, f"self.{region} = self.region(", [literal(region), *_times(one.period, one.estimate)])
+        yield from call(
+            8, f"self.{region} = self.region(", [literal(region), *_times(one.period, one.estimate)]
+        )
     for region in component.regions:
         yield f"        self._write_{region}()"
     for region, one in component.regions.items():
@@ -123,7 +128,9 @@ def _times(period: float, estimate: float) -> Iterator[str]:
 
 def distinct(component: ComponentModel) -> list[Method]:
     """The methods that are written by hand, each once."""
-    return list({method.name: method for method in reversed(list(methods(component)))}.values())[::-1]
+    return list({method.name: method for method in reversed(list(methods(component)))}.values())[
+        ::-1
+    ]
 
 
 def _method(method: Method) -> Iterator[str]:
@@ -131,7 +138,7 @@ def _method(method: Method) -> Iterator[str]:
     yield f'        """{method.about}"""'
 
 
-# --- what is written once --------------------------------------------------------------------------------------------
+# --- what is written once -------------------------------------------------------------------------
 
 
 def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
@@ -140,7 +147,9 @@ def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
     yield f'"""Component {name}, written by hand: tca generate began it, and leaves it alone."""'
     yield ""
     names = {f"{package}generated": [f"{name}Base"]}
-    for kind in {input_.type: None for input_ in component.inputs.values() if input_.type in model.types}:
+    for kind in {
+        input_.type: None for input_ in component.inputs.values() if input_.type in model.types
+    }:
         names.setdefault(model.types[kind].module or f"{package}generated", []).append(kind)
     for module in sorted(names):
         yield from imported(module, names[module])
@@ -157,7 +166,7 @@ def written(method: Method) -> Iterator[str]:
         yield "        return False"
 
 
-# --- the application -------------------------------------------------------------------------------------------------
+# --- the application ------------------------------------------------------------------------------
 
 
 _APPLICATION = '''"""The components of {model}.toml, connected: {mark}, changes would be lost."""
@@ -176,18 +185,28 @@ def application(model: ApplicationModel, package: str) -> Iterator[str]:
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
     yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
-    yield from imported("tca_behaviours.activities.components", ["Component", *["connect"] * bool(model.connections)])
+    yield from imported(
+        "tca_behaviours.activities.components",
+        ["Component", *["connect"] * bool(model.connections)],
+    )
     for kind in kinds:
         yield from imported(f"{package}{file_of(kind)}", [kind])
-    yield from imported(f"{package}generated", [f"{one.component}Data" for one in model.instances.values() if one.data])
+    yield from imported(
+        f"{package}generated",
+        [f"{one.component}Data" for one in model.instances.values() if one.data],
+    )
     yield from _class("", "Components", f"The components of {title}.")
     yield ""
     yield "    def __init__(self) -> None:"
     for name, one in model.instances.items():
         yield from call(8, f"self.{name} = {one.component}(", _made(name, one))
-    yield from call(8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]")
+    yield from call(
+        8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]"
+    )
     for connection in model.connections:
-        ends = [f"self.{instance}.{port}" for instance, port in (connection.source, connection.target)]
+        ends = [
+            f"self.{instance}.{port}" for instance, port in (connection.source, connection.target)
+        ]
         yield from call(8, "connect(", ends)
     yield from _MAIN.format(literal(model.name)).splitlines()
 
@@ -215,7 +234,7 @@ def _made(name: str, one: InstanceModel) -> Iterator[str]:
         yield f"lambda: {one.component}Data({values})"
 
 
-# --- layout: as formatters have it, whatever their longest line is; what is too long is opened up ---------------------
+# --- layout: as formatters have it, whatever their longest line is; what is too long is opened up -
 
 
 def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:

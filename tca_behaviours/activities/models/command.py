@@ -23,13 +23,16 @@ KINDS = (".svg", ".png", ".pdf", ".dot")
 def generate(model: Path, output: Path | None) -> None:
     """Write the Python of an application of periodic activities, or draw it.
 
-    MODEL is a TOML file of components, ports, regions, states and activities. Into its folder go: generated.py and
-    application.py, written anew each time; and a file for each component, which is yours: it is written once.
+    MODEL is a TOML file of components, ports, regions, states and activities. Into its folder go:
+    generated.py and application.py, written anew each time; and a file for each component, which is
+    yours: it is written once.
 
     The exit code is 2 when the model is wrong.
     """
     if output is not None and output.suffix not in ("", *KINDS) and not output.is_dir():
-        raise click.UsageError(f"-o {output}: a picture is {', '.join(KINDS)}, and a new folder has no suffix")
+        raise click.UsageError(
+            f"-o {output}: a picture is {', '.join(KINDS)}, and a new folder has no suffix"
+        )
     try:
         read = read_model(model)
         if output is not None and output.suffix in KINDS:

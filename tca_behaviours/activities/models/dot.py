@@ -1,5 +1,6 @@
-"""A model as a picture, in the language of Graphviz: the instances with their connections; then each component with its
-ports, and its regions side by side. A dot leads to the state that is entered first.
+"""A model as a picture, in the language of Graphviz: the instances with their connections; then
+each component with its ports, and its regions side by side. A dot leads to the state that is
+entered first.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ def model_dot(model: ApplicationModel) -> str:
     return graph([*(_instances(model) if model.instances else ()), *chart_lines(_chart(model))])
 
 
-# --- instances -------------------------------------------------------------------------------------------------------
+# --- instances ------------------------------------------------------------------------------------
 
 
 def _instances(model: ApplicationModel) -> Iterator[str]:
@@ -35,7 +36,7 @@ def _instances(model: ApplicationModel) -> Iterator[str]:
         yield f'{numbers[sending]} -> {numbers[taking]} [label=" {ports}"];'
 
 
-# --- components ------------------------------------------------------------------------------------------------------
+# --- components -----------------------------------------------------------------------------------
 
 
 def _chart(model: ApplicationModel) -> MachineChart:
@@ -46,10 +47,18 @@ def _chart(model: ApplicationModel) -> MachineChart:
         outer = len(states)
         states.append(ChartState(component, StateKind.ALL, lines=list(_ports(kind))))
         for region, one in kind.regions.items():
-            states.append(ChartState(region, StateKind.COMPOUND, outer, every(one.period, one.estimate)))
+            states.append(
+                ChartState(region, StateKind.COMPOUND, outer, every(one.period, one.estimate))
+            )
             first, chart = len(states), region_of(region, one).chart
-            arrows += [ChartArrow(way.source + first, way.target + first, way.symbol) for way in chart.arrows]
-            states += [msgspec.structs.replace(state, parent=state.parent + first) for state in chart.states]
+            arrows += [
+                ChartArrow(way.source + first, way.target + first, way.symbol)
+                for way in chart.arrows
+            ]
+            states += [
+                msgspec.structs.replace(state, parent=state.parent + first)
+                for state in chart.states
+            ]
     return MachineChart(model.name, states, arrows)
 
 

@@ -6,10 +6,15 @@ import msgspec
 from msgspec import Meta
 
 Word = Annotated[str, Meta(min_length=1, description="a name in quotes")]
-Words = Annotated[list[str], Meta(description='a list of names in quotes, such as ["enabling.enabled"]')]
+Words = Annotated[
+    list[str], Meta(description='a list of names in quotes, such as ["enabling.enabled"]')
+]
 Seconds = Annotated[float, Meta(gt=0, le=86400, description="a number of seconds above 0")]
 TABLE = Meta(description="a table")
-Values = Annotated[dict[str, int | float | str | bool], Meta(description="a table of numbers, texts, true and false")]
+Values = Annotated[
+    dict[str, int | float | str | bool],
+    Meta(description="a table of numbers, texts, true and false"),
+]
 
 StateName = Annotated[
     str,
@@ -34,7 +39,9 @@ class InputModel(msgspec.Struct, frozen=True):
     """An input port."""
 
     type: Word
-    keep: Annotated[int, Meta(ge=1, le=1_000_000, description="a whole number of values, 1 or more")] = 1
+    keep: Annotated[
+        int, Meta(ge=1, le=1_000_000, description="a whole number of values, 1 or more")
+    ] = 1
 
 
 class StateModel(msgspec.Struct, frozen=True, kw_only=True):

@@ -11,7 +11,9 @@ from tca_tools.errors import BadUserFile
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]{0,39}")
-_OF_COMPONENTS = {name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")}
+_OF_COMPONENTS = {
+    name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")
+}
 FILES = ("generated", "application")
 """Modules that are written anew each time."""
 _TAKEN = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
@@ -44,7 +46,9 @@ def check_attributes(place: str, component: ComponentModel) -> None:
         check_name(f"{place}.{where}", name)
         is_shared = role in (STEP, GUARD)  # several states may have one method
         if name in used and not (is_shared and used[name] == role):
-            raise BadUserFile(f"{place}.{where}: '{name}' is {used[name]} already: choose another name")
+            raise BadUserFile(
+                f"{place}.{where}: '{name}' is {used[name]} already: choose another name"
+            )
         used[name] = role
 
 

@@ -13,8 +13,14 @@ from tca_behaviours.activities.models.model import (
     ConnectionModel,
     InstanceModel,
     TypeModel,
-)  # fmt: skip
-from tca_behaviours.activities.models.names import FILES, check_attributes, check_class, check_name, file_of
+)
+from tca_behaviours.activities.models.names import (
+    FILES,
+    check_attributes,
+    check_class,
+    check_name,
+    file_of,
+)
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
 from tca_tools.errors import BadUserFile
 from tca_tools.user_toml import check_known, check_table, read_table, read_toml, shown
@@ -24,7 +30,9 @@ def read_model(path: Path) -> ApplicationModel:
     """The model of a file. Raises BadUserFile."""
     tables = read_toml(path)
     if not re.fullmatch(r"[\w.-]+", path.stem):
-        raise BadUserFile(f"{path}: choose another name for the file, of letters, digits, '.', '-' and '_'")
+        raise BadUserFile(
+            f"{path}: choose another name for the file, of letters, digits, '.', '-' and '_'"
+        )
     try:
         return model_of(path.stem, tables)
     except BadUserFile as error:
@@ -37,7 +45,9 @@ def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
     types: dict[str, TypeModel] = {}
     for kind, fields in tables.get("types", {}).items():
         types[kind] = _type(kind, fields, types)
-    components = {kind: _component(kind, table, types) for kind, table in tables["components"].items()}
+    components = {
+        kind: _component(kind, table, types) for kind, table in tables["components"].items()
+    }
     _check_classes(types, components)
     given = _in_full(tables.get("instances", {}), "component")
     instances = {one: _instance(one, table, components) for one, table in given.items()}
@@ -59,25 +69,33 @@ def _in_full(tables: Any, key: str) -> Any:
     """Tables of which one key is enough, where that stands alone."""
     if not isinstance(tables, dict):
         return tables
-    return {name: {key: given} if isinstance(given, str) else given for name, given in tables.items()}
+    return {
+        name: {key: given} if isinstance(given, str) else given for name, given in tables.items()
+    }
 
 
 def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
     """That no class or module that is written has the name of another."""
     classes = {name: f"types.{name}" for name in types}
-    files = dict.fromkeys(FILES, "tca generate itself") | dict.fromkeys(sys.stdlib_module_names, "Python")
+    files = dict.fromkeys(FILES, "tca generate itself") | dict.fromkeys(
+        sys.stdlib_module_names, "Python"
+    )
     for kind in components:
         place, file = f"components.{kind}", file_of(kind)
         for name in (kind, f"{kind}Data", f"{kind}Base"):
             if name in classes:
-                raise BadUserFile(f"{place}: its class {name} would be that of {classes[name]}: choose another name")
+                raise BadUserFile(
+                    f"{place}: its class {name} would be that of {classes[name]}: choose another name"
+                )
             classes[name] = place
         if file in files:
-            raise BadUserFile(f"{place}: its file {file}.py would be that of {files[file]}: choose another name")
+            raise BadUserFile(
+                f"{place}: its file {file}.py would be that of {files[file]}: choose another name"
+            )
         files[file] = place
 
 
-# --- types and components -------------------------------------------------------------------------------------------
+# --- types and components -------------------------------------------------------------------------
 
 
 def _type(name: str, given: Any, known: dict[str, TypeModel]) -> TypeModel:
@@ -90,7 +108,9 @@ def _type(name: str, given: Any, known: dict[str, TypeModel]) -> TypeModel:
         return TypeModel(given)
     module, _, kind = given.partition(":") if isinstance(given, str) else ("", "", "")
     if kind != name or not all(part.isidentifier() for part in module.split(".")):
-        raise BadUserFile(f'{place} must be "MODULE:{name}" or a table of fields, not {shown(given)}')
+        raise BadUserFile(
+            f'{place} must be "MODULE:{name}" or a table of fields, not {shown(given)}'
+        )
     return TypeModel(module=module)
 
 
@@ -113,7 +133,9 @@ def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentM
     for port, kind in component.outputs.items():
         _check_type(f"{place}.outputs.{port}", kind, types)
     if component.inputs and not component.period:
-        raise BadUserFile(f"{place}.period is missing: it has input ports, so add the period of its port handler")
+        raise BadUserFile(
+            f"{place}.period is missing: it has input ports, so add the period of its port handler"
+        )
     check_attributes(place, component)
     check_estimate(place, component.period, component.estimate)
     for region in component.regions:
@@ -121,21 +143,28 @@ def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentM
     return component
 
 
-# --- instances and connections --------------------------------------------------------------------------------------
+# --- instances and connections --------------------------------------------------------------------
 
 
 def _instance(name: str, given: Any, components: dict[str, ComponentModel]) -> InstanceModel:
     place = f"instances.{name}"
     check_name(place, name)
     if name == "all":
-        raise BadUserFile(f"{place}: 'all' is the list of all instances in application.py: choose another name")
+        raise BadUserFile(
+            f"{place}: 'all' is the list of all instances in application.py: choose another name"
+        )
     instance = read_table(InstanceModel, place, given)
     check_known(place, "component", instance.component, components)
     data = components[instance.component].data
     for field, value in instance.data.items():
         check_known(f"{place}.data", "field", field, data)
-        if type(value) is not type(data[field]) and (type(value), type(data[field])) != (int, float):
-            raise BadUserFile(f"{place}.data.{field} must be like {shown(data[field])}, not {shown(value)}")
+        if type(value) is not type(data[field]) and (type(value), type(data[field])) != (
+            int,
+            float,
+        ):
+            raise BadUserFile(
+                f"{place}.data.{field} must be like {shown(data[field])}, not {shown(value)}"
+            )
     return instance
 
 
@@ -159,7 +188,9 @@ def _connection(model: ApplicationModel, source: tuple[str, str], given: Any) ->
     output = _port(place, source, sending.outputs, sending.inputs, "an output")
     input_ = _port(place, (target[0], target[1]), taking.inputs, taking.outputs, "an input")
     if output != input_.type and (output, input_.type) != ("int", "float"):
-        raise BadUserFile(f"{place} is of type {output}, and {given} of type {input_.type}: give both the same type")
+        raise BadUserFile(
+            f"{place} is of type {output}, and {given} of type {input_.type}: give both the same type"
+        )
     return ConnectionModel(source, (target[0], target[1]))
 
 
@@ -171,7 +202,9 @@ def _kind_of(model: ApplicationModel, place: str, instance: str) -> ComponentMod
 _T = TypeVar("_T")
 
 
-def _port(place: str, port: tuple[str, str], ports: dict[str, _T], others: dict[str, Any], wanted: str) -> _T:
+def _port(
+    place: str, port: tuple[str, str], ports: dict[str, _T], others: dict[str, Any], wanted: str
+) -> _T:
     if port[1] in others:
         raise BadUserFile(f'{place}: {".".join(port)} is not {wanted} port: write OUTPUT = "INPUT"')
     check_known(f"{place}, instance '{port[0]}'", "port", port[1], ports)

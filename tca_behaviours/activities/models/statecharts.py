@@ -13,7 +13,9 @@ from tca_tools.user_toml import check_known
 def check_estimate(place: str, period: float, estimate: float) -> None:
     """That a tick ends before the next is due. Raises BadUserFile."""
     if 0 < period < estimate:
-        raise BadUserFile(f"{place}.estimate is longer than the period: divide the work into shorter steps")
+        raise BadUserFile(
+            f"{place}.estimate is longer than the period: divide the work into shorter steps"
+        )
 
 
 def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None:
@@ -33,7 +35,9 @@ def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None
         raise BadUserFile(f"{place}: {error}") from None
 
 
-def _check_state(place: str, state: StateModel, above: dict[str, StateModel], initial: dict[str, str]) -> None:
+def _check_state(
+    place: str, state: StateModel, above: dict[str, StateModel], initial: dict[str, str]
+) -> None:
     if state.inside:
         check_known(f"{place}.inside", "outer state", state.inside, above)
     if state.initial:
@@ -42,7 +46,9 @@ def _check_state(place: str, state: StateModel, above: dict[str, StateModel], in
         initial[state.inside] = state.name
     check_estimate(place, state.period, state.estimate)
     if not state.activity and (state.period or state.estimate):
-        raise BadUserFile(f'{place} has a period or estimate, and no activity: add activity = "METHOD"')
+        raise BadUserFile(
+            f'{place} has a period or estimate, and no activity: add activity = "METHOD"'
+        )
 
 
 def _check_transition(
@@ -72,11 +78,17 @@ def region_of(name: str, model: RegionModel) -> Region:
     for state in ordered(model.states):
         around = region.states[state.inside] if state.inside else region
         around.state(
-            state.name, entry=_method(state.entry), exit=_method(state.exit), activity=_method(state.activity),
-            period=state.period, estimate=state.estimate,
-        )  # fmt: skip
+            state.name,
+            entry=_method(state.entry),
+            exit=_method(state.exit),
+            activity=_method(state.activity),
+            period=state.period,
+            estimate=state.estimate,
+        )
     for one in model.transitions:
-        region.states[one.source].to(region.states[one.target], on=one.on, when=_method(one.when), needs=one.needs)
+        region.states[one.source].to(
+            region.states[one.target], on=one.on, when=_method(one.when), needs=one.needs
+        )
     return region
 
 

@@ -4,15 +4,22 @@ import ast
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tca_behaviours.activities.models.code import MARK, application, distinct, generated, skeleton, written
+from tca_behaviours.activities.models.code import (
+    MARK,
+    application,
+    distinct,
+    generated,
+    skeleton,
+    written,
+)
 from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
 from tca_behaviours.activities.models.names import file_of
 from tca_tools.errors import BadUserFile
 
 
 def write_code(model: ApplicationModel, folder: Path) -> list[str]:
-    """Write all modules; lines that say what became of each. Raises BadUserFile, before anything is written, for files
-    that can't be used; and OSError.
+    """Write all modules; lines that say what became of each. Raises BadUserFile, before anything is
+    written, for files that can't be used; and OSError.
     """
     package = _package(folder)
     anew = {"generated.py": generated(model)}
@@ -44,7 +51,9 @@ def _package(folder: Path) -> str:
 
 def _check_ours(file: Path) -> None:
     if file.exists() and MARK not in file.read_text(errors="replace"):
-        raise BadUserFile(f"{file} exists already, and was not {MARK}: rename it, or choose a folder with -o FOLDER")
+        raise BadUserFile(
+            f"{file} exists already, and was not {MARK}: rename it, or choose a folder with -o FOLDER"
+        )
 
 
 def _write(file: Path, lines: Iterable[str]) -> str:

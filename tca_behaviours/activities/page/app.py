@@ -21,9 +21,11 @@ _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
 
 
-def application(live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = "") -> Starlette:
-    """The server of one page; without a *key* the page can only look. With a *token* only those get an answer who have
-    opened the address that has it.
+def application(
+    live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = ""
+) -> Starlette:
+    """The server of one page; without a *key* the page can only look. With a *token* only those get
+    an answer who have opened the address that has it.
     """
     return Starlette(
         routes=[
@@ -39,7 +41,9 @@ def application(live: LiveApplication, hosts: list[str], key: PageKey | None = N
 
 async def _news(live: LiveApplication, request: Request) -> Response:
     since = request.query_params.get("since", "0")
-    return JSONResponse(await run_in_threadpool(live.news, int(since) if since.isdigit() else 0, _PATIENCE))
+    return JSONResponse(
+        await run_in_threadpool(live.news, int(since) if since.isdigit() else 0, _PATIENCE)
+    )
 
 
 async def _send(live: LiveApplication, key: PageKey, request: Request) -> Response:

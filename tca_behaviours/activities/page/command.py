@@ -13,12 +13,15 @@ from tca_tools.view.door import LOCAL, listening, page_options
 @page_options
 @central_option
 @click.option("--read-only", is_flag=True, help="Only look: nothing is allocated or sent.")
-def activities(name: str | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool) -> None:
+def activities(
+    name: str | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool
+) -> None:
     """Show an application's regions, processors and activities in the browser, live.
 
-    NAME is that of the application; it may be left out while central knows one only. Whoever opens the address that is
-    printed can allocate activities, change periods and priorities, and use the application's buttons. With --host the
-    page only looks, for those who have the address. It is served until interrupted.
+    NAME is that of the application; it may be left out while central knows one only. Whoever opens
+    the address that is printed can allocate activities, change periods and priorities, and use the
+    application's buttons. With --host the page only looks, for those who have the address. It is
+    served until interrupted.
     """
     with extra("view", "tca activities"):
         from tca_behaviours.activities.page.app import application  # noqa: PLC0415 - the page is an extra
@@ -28,9 +31,15 @@ def activities(name: str | None, port: int, host: str, central: str | None, *, r
     with listening(host, port) as door, live.running():
         key = PageKey("tca activities") if host == LOCAL and not read_only else None
         serve_page(
-            door, host, key.text if key else "", lambda hosts, token: application(live, hosts, key, token),
-            name=live.name, notes=[], browser=browser, stop=live.stop,
-        )  # fmt: skip
+            door,
+            host,
+            key.text if key else "",
+            lambda hosts, token: application(live, hosts, key, token),
+            name=live.name,
+            notes=[],
+            browser=browser,
+            stop=live.stop,
+        )
 
 
 def _chosen(name: str | None, central: str | None) -> str:

@@ -9,7 +9,18 @@ from typing import Any
 import msgspec
 
 from tca_behaviours.activities.manager.messages import APPLICATION, ApplicationMessages
-from tca_module import BadData, CentralLost, Client, Inform, MisuseError, Module, Task, TcaError, Timeout, connect
+from tca_module import (
+    BadData,
+    CentralLost,
+    Client,
+    Inform,
+    MisuseError,
+    Module,
+    Task,
+    TcaError,
+    Timeout,
+    connect,
+)
 from tca_module.link.opening import CentralAddress
 
 COMMAND = "tca activities"
@@ -19,7 +30,9 @@ LOOK = 1.0
 """Seconds between two looks whether central and the application are there."""
 
 SILENCE = 5.0
-"""Seconds without a word of an application, which tells its figures once a second, until the page says so."""
+"""Seconds without a word of an application, which tells its figures once a second, until the page
+says so.
+"""
 
 PATIENCE = 20.0
 """Seconds that a command may last before the page is told that it goes on."""
@@ -39,7 +52,9 @@ def applications(client: Client) -> list[str]:
 
 
 class LiveApplication:
-    """The newest values of an application's variables, as JSON has them, each with the number of its change."""
+    """The newest values of an application's variables, as JSON has them, each with the number of
+    its change.
+    """
 
     def __init__(self, name: str, central: CentralAddress) -> None:
         self.name = name
@@ -96,7 +111,7 @@ class LiveApplication:
                 return f"{asked.message}: goes on"
         return f"{asked.message}: done"
 
-    # --- inside -----------------------------------------------------------------------------------------------------
+    # --- inside -----------------------------------------------------------------------------------
 
     def _taker(self, part: str) -> Any:
         def take(_task: Task, value: Any) -> None:
@@ -136,7 +151,5 @@ class LiveApplication:
             missing = f"module '{entry['module']}', which manages '{self.name}', is not connected"
             return f"{missing}: its program has ended, or stands still"
         if time.monotonic() > self._heard_at + SILENCE:
-            return (
-                f"'{self.name}' has told nothing for more than {SILENCE:g} s: its program stands still, or is held up"
-            )
+            return f"'{self.name}' has told nothing for more than {SILENCE:g} s: its program stands still, or is held up"
         return ""

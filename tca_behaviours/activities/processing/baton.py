@@ -1,5 +1,5 @@
-"""Processors as threads. The one that has the baton ticks one activity, or waits until the next is due. Then it hands
-the baton to the processor that the schedule names.
+"""Processors as threads. The one that has the baton ticks one activity, or waits until the next is
+due. Then it hands the baton to the processor that the schedule names.
 """
 
 import contextlib
@@ -23,7 +23,9 @@ class ActivityProcessor:
     def __init__(self, baton: "Baton", processor: Processor) -> None:
         self.processor = processor
         self.turn = threading.Condition(baton.lock)
-        self.thread = threading.Thread(target=baton.work, args=[self], name=f"processor {processor.name}", daemon=True)
+        self.thread = threading.Thread(
+            target=baton.work, args=[self], name=f"processor {processor.name}", daemon=True
+        )
 
 
 class Baton:
@@ -43,7 +45,9 @@ class Baton:
 
     @contextlib.contextmanager
     def changing(self) -> Iterator[Schedule]:
-        """A block that changes the schedule, while it runs too. A tick goes on meanwhile; the next begins after it."""
+        """A block that changes the schedule, while it runs too. A tick goes on meanwhile; the next
+        begins after it.
+        """
         with self.lock:
             try:
                 yield self.schedule
@@ -54,8 +58,8 @@ class Baton:
                     self._hand_on()
 
     def ready(self, names: Iterable[str]) -> dict[str, Processor]:
-        """Those of the processors that are not there yet, with their threads: started before the change that wants
-        them, and one by one, so that ticks need not wait.
+        """Those of the processors that are not there yet, with their threads: started before the
+        change that wants them, and one by one, so that ticks need not wait.
         """
         made = {}
         for name in names:
@@ -73,7 +77,9 @@ class Baton:
         """Begin to tick: all activities are due."""
         for thread in self._leaving:
             if thread is threading.current_thread():
-                raise MisuseError("start() is not for the activity that has just called stop(): use another thread")
+                raise MisuseError(
+                    "start() is not for the activity that has just called stop(): use another thread"
+                )
             thread.join()
         with self.lock:
             self._leaving.clear()

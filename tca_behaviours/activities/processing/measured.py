@@ -17,7 +17,10 @@ class TickTimes:
         self.response = 0.0  #: the longest from being due to the end
         # Those after which none was as long: the last one above any limit is among them.
         self._peaks: deque[Late] = deque(maxlen=_MOST_PEAKS)
-        self._longest_delay, self._shortest_delay = -math.inf, math.inf  # from being due to the beginning
+        self._longest_delay, self._shortest_delay = (
+            -math.inf,
+            math.inf,
+        )  # from being due to the beginning
 
     @property
     def jitter(self) -> float:

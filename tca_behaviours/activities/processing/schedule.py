@@ -1,4 +1,6 @@
-"""Which activity is ticked next, and when: fixed priorities, switched between activities. Pure: times are passed in."""
+"""Which activity is ticked next, and when: fixed priorities, switched between activities. Pure:
+times are passed in.
+"""
 
 import math
 from collections import deque
@@ -29,7 +31,9 @@ class StateActivity(Protocol):
     """Its longest execution time in seconds, as declared; None: it is to be measured."""
 
     def tick(self) -> None:
-        """Do one step. Never blocks. The activity of a state does nothing while that state is not active."""
+        """Do one step. Never blocks. The activity of a state does nothing while that state is not
+        active.
+        """
 
 
 class ScheduledActivity:
@@ -46,8 +50,8 @@ class ScheduledActivity:
 
     @property
     def cost(self) -> float | None:
-        """Its longest execution time: as declared, else as measured; None: unknown. What is declared does not count any
-        more once most ticks take longer: then their mean does.
+        """Its longest execution time: as declared, else as measured; None: unknown. What is
+        declared does not count any more once most ticks take longer: then their mean does.
         """
         if self.activity.estimate is not None:
             return self.execution.mean if self.execution.is_refuted else self.activity.estimate
@@ -55,8 +59,8 @@ class ScheduledActivity:
 
 
 class Processor:
-    """Ticks its activities in the order of their subscription, in rounds: one of those that are due at its beginning.
-    What becomes due meanwhile comes in the next round.
+    """Ticks its activities in the order of their subscription, in rounds: one of those that are due
+    at its beginning. What becomes due meanwhile comes in the next round.
     """
 
     def __init__(self, name: str, now: float) -> None:
@@ -101,7 +105,7 @@ class Schedule:
         self._release = Period(0.0, 1.0)
         self._began = 0.0
 
-    # --- at work ----------------------------------------------------------------------------------------------------
+    # --- at work ----------------------------------------------------------------------------------
 
     def start(self, now: float) -> None:
         """All activities are due."""
@@ -125,7 +129,9 @@ class Schedule:
     def begin(self, processor: Processor, now: float) -> ScheduledActivity:
         """The tick that is next on a processor whose turn it is."""
         if not processor.round:
-            processor.round.extend(one for one in processor.activities if one.release.due <= now + _EXACT)
+            processor.round.extend(
+                one for one in processor.activities if one.release.due <= now + _EXACT
+            )
         self.ticked, self._ticking, self._began = processor.round.popleft(), processor, now
         self._release = self.ticked.release
         return self.ticked
@@ -147,25 +153,35 @@ class Schedule:
             one.processor.look_again()
 
     def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
-        """The last tick of a processor with a longer response time: the one that is due now, or one that has ended."""
-        so_far = now - processor.due if self.ticked is not None else 0.0  # it may wait for a tick that does not end
-        return (now, so_far) if so_far > limit + _EXACT else processor.times.last_above(limit + _EXACT)
+        """The last tick of a processor with a longer response time: the one that is due now, or one
+        that has ended.
+        """
+        so_far = (
+            now - processor.due if self.ticked is not None else 0.0
+        )  # it may wait for a tick that does not end
+        return (
+            (now, so_far) if so_far > limit + _EXACT else processor.times.last_above(limit + _EXACT)
+        )
 
     def held_by(self, now: float) -> str:
         """The activity whose tick takes so long that something must be wrong with it."""
         return self.ticked.name if self.ticked is not None and now - self._began > _LONG else ""
 
-    # --- changes, while it runs too ---------------------------------------------------------------------------------
+    # --- changes, while it runs too ---------------------------------------------------------------
 
     def add(self, activity: StateActivity) -> None:
         """An activity that is on no processor yet."""
         if activity.name in self.activities:
-            raise MisuseError(f"two activities are called '{activity.name}': give their components different names")
+            raise MisuseError(
+                f"two activities are called '{activity.name}': give their components different names"
+            )
         check(f"activity '{activity.name}'", _PERIOD, period=activity.period)
         check(f"activity '{activity.name}'", _ESTIMATE, estimate=activity.estimate)
         if activity.estimate is not None and activity.estimate > activity.period:
             said = f"activity '{activity.name}' takes {duration(activity.estimate)}, longer than its period"
-            raise MisuseError(f"{said} of {duration(activity.period)}: divide it into shorter steps")
+            raise MisuseError(
+                f"{said} of {duration(activity.period)}: divide it into shorter steps"
+            )
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
@@ -182,15 +198,21 @@ class Schedule:
         check_known("there is no activity", name, self.activities)
         return self.activities[name]
 
-    def put(self, one: ScheduledActivity, processor: Processor, now: float, position: int | None = None) -> None:
-        """Move an activity to a processor, or within it: to the end, or to a position. One that was on none is due at
-        once; else the times at which it is due stay as they are.
+    def put(
+        self, one: ScheduledActivity, processor: Processor, now: float, position: int | None = None
+    ) -> None:
+        """Move an activity to a processor, or within it: to the end, or to a position. One that was
+        on none is due at once; else the times at which it is due stay as they are.
         """
         if one.processor is None:
             one.release = Period(now, one.period)
         else:
             self.take_off(one)
-        place = len(processor.activities) if position is None else min(position, len(processor.activities))
+        place = (
+            len(processor.activities)
+            if position is None
+            else min(position, len(processor.activities))
+        )
         processor.activities.insert(place, one)
         one.processor = processor
 
@@ -206,17 +228,23 @@ class Schedule:
         """It counts from the tick before. A tick that is due stays due."""
         check(f"activity '{one.name}'", _PERIOD, period=seconds)
         if seconds < (takes := one.activity.estimate or 0.0):
-            raise MisuseError(f"activity '{one.name}' takes {duration(takes)}: its period can't be {duration(seconds)}")
+            raise MisuseError(
+                f"activity '{one.name}' takes {duration(takes)}: its period can't be {duration(seconds)}"
+            )
         one.period = seconds
         if one is not self.ticked:
             one.release.change(now, seconds)
 
     def change_order(self) -> None:
-        """After changes: processors without activities go, the others are put in order, and times are measured anew."""
+        """After changes: processors without activities go, the others are put in order, and times
+        are measured anew.
+        """
         self.processors = [one for one in self.processors if one.activities]
         for processor in self.processors:
             processor.period = min(one.period for one in processor.activities)
-        self.processors.sort(key=lambda one: (-one.priority, one.period))  # the sort is stable: then the older one
+        self.processors.sort(
+            key=lambda one: (-one.priority, one.period)
+        )  # the sort is stable: then the older one
         for processor in self.processors:
             processor.look_again()
             processor.ticks = processor.overruns = 0

@@ -36,7 +36,11 @@ class VirtualBaton:
 
     def ready(self, names: Iterable[str]) -> dict[str, Processor]:
         """Those of the processors that are not there yet."""
-        return {name: Processor(name, self._now) for name in names if self.schedule.processor(name) is None}
+        return {
+            name: Processor(name, self._now)
+            for name in names
+            if self.schedule.processor(name) is None
+        }
 
     def start(self) -> None:
         """All activities are due."""

@@ -1,4 +1,6 @@
-"""What a state of a coordination machine does: tasks for agents, with what they need and what they make so."""
+"""What a state of a coordination machine does: tasks for agents, with what they need and what they
+make so.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,7 +19,8 @@ _LONGEST = 200
 
 def _are_facts(facts: Any) -> bool:
     return isinstance(facts, Mapping) and all(
-        isinstance(name, str) and isinstance(value, str | bool | int | float) for name, value in facts.items()
+        isinstance(name, str) and isinstance(value, str | bool | int | float)
+        for name, value in facts.items()
     )
 
 
@@ -26,8 +29,8 @@ FACTS = ArgumentKind('values by name, such as {"arm": "home"}', _are_facts)
 
 @dataclass(frozen=True)
 class Agent:
-    """A part of the robot that works on tasks: a base, an arm. It takes so many *tasks* at once; more than one only if
-    its module weighs them by rank.
+    """A part of the robot that works on tasks: a base, an arm. It takes so many *tasks* at once;
+    more than one only if its module weighs them by rank.
     """
 
     name: str
@@ -41,14 +44,18 @@ class Agent:
 class Do:
     """A task of an activity: a message, its data, and the agents that it needs."""
 
-    def __init__(self, message: Command[Any, Any] | Goal[Any], data: Any = None, *agents: Agent) -> None:
+    def __init__(
+        self, message: Command[Any, Any] | Goal[Any], data: Any = None, *agents: Agent
+    ) -> None:
         check("Do", checks.instance_of("a command or a goal", Command | Goal), message=message)
         for agent in agents:
             check(f"Do({message.name!r}, ...)", checks.instance_of("an Agent", Agent), agent=agent)
         self.message = message
         self.data = data
         self.agents = agents
-        self.text = shortened(f"{message.name} {data_text(message.encode_data(data))}".rstrip(), _LONGEST)
+        self.text = shortened(
+            f"{message.name} {data_text(message.encode_data(data))}".rstrip(), _LONGEST
+        )
         """Message and data, in words."""
 
     def __repr__(self) -> str:
@@ -62,17 +69,21 @@ class Do:
 
 _DO = checks.instance_of("a Do", Do)
 _COST = checks.number("a number, 0 or more", 0, float_info.max)
-_COST_OR_FUNCTION = ArgumentKind(f"{_COST.words}, or a function", lambda cost: callable(cost) or _COST.fits(cost))
+_COST_OR_FUNCTION = ArgumentKind(
+    f"{_COST.words}, or a function", lambda cost: callable(cost) or _COST.fits(cost)
+)
 
 
 class Activity:
     """What a state does: its tasks run together, and it is done when all are.
 
-    *needs*: facts that must hold when it starts and while it runs, until it makes them otherwise itself. *makes*: facts
-    that hold when it is done; from its start until then they are unknown. *cost*: of doing it in vain, a number or a
-    function of the Situation. *progress*: reads the progress of its tasks, where their messages report no plain number
-    in [0, 1]. *undo*: tasks that restore what it has changed. *adapt*: makes the data of a task that runs ahead, at a
-    share of its full speed and with a rank: its place in the preview list.
+    *needs*: facts that must hold when it starts and while it runs, until it makes them otherwise
+        itself. *makes*: facts
+    that hold when it is done; from its start until then they are unknown. *cost*: of doing it in
+    vain, a number or a function of the Situation. *progress*: reads the progress of its tasks,
+    where their messages report no plain number in [0, 1]. *undo*: tasks that restore what it has
+    changed. *adapt*: makes the data of a task that runs ahead, at a share of its full speed and
+    with a rank: its place in the preview list.
     """
 
     def __init__(
@@ -105,8 +116,8 @@ class Activity:
         return cost
 
     def data_at(self, share: float, rank: int) -> list[Any]:
-        """The data of its tasks at a share of full speed; with rank 0, when its state is entered, their own. Raises
-        what ``adapt`` raises, and BadData if its data do not fit.
+        """The data of its tasks at a share of full speed; with rank 0, when its state is entered,
+        their own. Raises what ``adapt`` raises, and BadData if its data do not fit.
         """
         if rank == 0 or self.adapt is None:
             return [task.data for task in self.tasks]
@@ -135,6 +146,12 @@ class Activity:
         check(self, _COST_OR_FUNCTION, cost=self._cost)
         check(self, checks.FUNCTION_OR_NONE, progress=self._progress, adapt=self.adapt)
         for task in self.tasks:
-            if self._progress is None and task.message.progress.kind not in (float, int, type(None)):
+            if self._progress is None and task.message.progress.kind not in (
+                float,
+                int,
+                type(None),
+            ):
                 told = f"{task.message.title} reports {task.message.progress}"
-                raise MisuseError(f"{told}: give Activity(..., progress=...), a function that makes a number of it")
+                raise MisuseError(
+                    f"{told}: give Activity(..., progress=...), a function that makes a number of it"
+                )

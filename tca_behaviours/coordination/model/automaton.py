@@ -1,4 +1,5 @@
-"""A machine as a flat probabilistic automaton: its states are leaves, and its arrows have likelihoods.
+"""A machine as a flat probabilistic automaton: its states are leaves, and its arrows have
+likelihoods.
 
 They are evaluated when a state is looked at, once in each situation: a preview costs what it sees.
 """
@@ -36,15 +37,21 @@ class Automaton(Protocol):
         """The activity of a leaf, if it has one."""
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
+        """Whether the machine waits for an event in a leaf; in another one without an activity it
+        does not rest.
+        """
 
 
 def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow that gets what the others leave: the only one for "done" without a likelihood. Where none is for
-    "done", the only one without, if others have one; not that for "failed".
+    """The arrow that gets what the others leave: the only one for "done" without a likelihood.
+    Where none is for "done", the only one without, if others have one; not that for "failed".
     """
     done = [arrow for arrow in arrows if arrow.event == DONE]
-    others = [arrow for arrow in arrows if arrow.event != FAILED] if any(arrow.model for arrow in arrows) else []
+    others = (
+        [arrow for arrow in arrows if arrow.event != FAILED]
+        if any(arrow.model for arrow in arrows)
+        else []
+    )
     unsaid = [arrow for arrow in done or others if arrow.model is None]
     return unsaid[0] if len(unsaid) == 1 else None
 
@@ -52,7 +59,9 @@ def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
 class FlatAutomaton:
     """The automaton of a machine in one situation."""
 
-    def __init__(self, states: Sequence[AuthoredState], situation: Situation, mistakes: Mistakes) -> None:
+    def __init__(
+        self, states: Sequence[AuthoredState], situation: Situation, mistakes: Mistakes
+    ) -> None:
         self._states = states
         self._mistakes = mistakes
         self._situation = situation
@@ -74,7 +83,9 @@ class FlatAutomaton:
         return self._states[state].activity
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
+        """Whether the machine waits for an event in a leaf; in another one without an activity it
+        does not rest.
+        """
         return self._states[state].kind is StateKind.WAIT
 
     def _evaluated(self, leaf: AuthoredState) -> list[LikelyArrow]:
@@ -86,14 +97,24 @@ class FlatAutomaton:
         ]
 
     def _value(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
-        value = 0.0 if arrow.model is None else arrow.model.value(self._situation, leaf.label, arrow.symbol)
-        return None if value is None else checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
+        value = (
+            0.0
+            if arrow.model is None
+            else arrow.model.value(self._situation, leaf.label, arrow.symbol)
+        )
+        return (
+            None
+            if value is None
+            else checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
+        )
 
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
         found = []
         for arrow in arrows:
             value = self._mistakes.otherwise(
-                None, f"nothing is foreseen beyond '{leaf.label}'", partial(self._value, leaf, arrow)
+                None,
+                f"nothing is foreseen beyond '{leaf.label}'",
+                partial(self._value, leaf, arrow),
             )
             if value is None:
                 return [0.0] * len(arrows)

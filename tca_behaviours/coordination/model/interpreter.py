@@ -41,8 +41,9 @@ class Interpreter:
         return self.state.kind is StateKind.FINAL
 
     def take(self, event: str, situation: Situation) -> list[TakenArrow]:
-        """Tell it of an event: "done" and "failed" are those of the current activity. The arrows that were taken: none
-        if nothing leads on by this event as things are; several if a compound has ended by that.
+        """Tell it of an event: "done" and "failed" are those of the current activity. The arrows
+        that were taken: none if nothing leads on by this event as things are; several if a compound
+        has ended by that.
         """
         taken = []
         for arrow in self._chart.take(event, situation):

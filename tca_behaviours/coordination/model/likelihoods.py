@@ -16,12 +16,16 @@ class LikelihoodModel:
     """The likelihood of a transition. Base class: give ``value``."""
 
     is_constant = False
-    """Whether its number never changes. The constants of one state must not be more than 1 together."""
+    """Whether its number never changes. The constants of one state must not be more than 1
+    together.
+    """
     variables: Sequence[Variable[Any]] = ()
     """The variables that it looks at."""
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is unknown."""
+        """The likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
+        unknown.
+        """
         raise NotImplementedError
 
 
@@ -45,8 +49,8 @@ _COUNTS = ArgumentKind(
 
 
 class Learned(LikelihoodModel):
-    """The share of a transition in earlier runs. *counts*: how often each symbol was taken, by (label, symbol).
-    Unknown in a state that was never left.
+    """The share of a transition in earlier runs. *counts*: how often each symbol was taken, by
+    (label, symbol). Unknown in a state that was never left.
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:
@@ -63,8 +67,8 @@ class Learned(LikelihoodModel):
 
 
 class Perceived(LikelihoodModel):
-    """The value of a variable: a bool, or a confidence that is cut to [0, 1]; *negated*: 1 minus that. Unknown until it
-    is set.
+    """The value of a variable: a bool, or a confidence that is cut to [0, 1]; *negated*: 1 minus
+    that. Unknown until it is set.
     """
 
     def __init__(self, variable: Variable[Any], *, negated: bool = False) -> None:
@@ -88,14 +92,19 @@ class Computed(LikelihoodModel):
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
         """The function's number."""
         value = self.function(situation)
-        return None if value is None else checked_likelihood(value, f"the likelihood of '{symbol}' in state '{leaf}'")
+        return (
+            None
+            if value is None
+            else checked_likelihood(value, f"the likelihood of '{symbol}' in state '{leaf}'")
+        )
 
 
 Likelihood = LikelihoodModel | Callable[[Situation], float | None]
 """Anything that says how likely a transition is."""
 
 _LIKELIHOOD = ArgumentKind(
-    "a model such as Prior(0.8), or a function", lambda value: isinstance(value, LikelihoodModel) or callable(value)
+    "a model such as Prior(0.8), or a function",
+    lambda value: isinstance(value, LikelihoodModel) or callable(value),
 )
 
 
@@ -105,7 +114,9 @@ class Weighted(LikelihoodModel):
     def __init__(self, parts: Iterable[tuple[float, Likelihood]]) -> None:
         pairs = list(parts)
         if not pairs or not all(_is_weighted(pair) for pair in pairs):
-            raise MisuseError("Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]")
+            raise MisuseError(
+                "Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]"
+            )
         self.parts = [(weight, as_model(model)) for weight, model in pairs]
         self.is_constant = all(model.is_constant for _, model in self.parts)
         self.variables = [variable for _, model in self.parts for variable in model.variables]
@@ -119,7 +130,12 @@ class Weighted(LikelihoodModel):
 
 
 def _is_weighted(pair: Any) -> bool:
-    return isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], int | float) and 0 < pair[0] < inf
+    return (
+        isinstance(pair, tuple)
+        and len(pair) == 2
+        and isinstance(pair[0], int | float)
+        and 0 < pair[0] < inf
+    )
 
 
 def as_model(likelihood: Likelihood) -> LikelihoodModel:

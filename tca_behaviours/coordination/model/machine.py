@@ -1,4 +1,6 @@
-"""A machine of activities, as it is written: ``with Coordination("deliver", facts={...}) as deliver:``."""
+"""A machine of activities, as it is written: ``with Coordination("deliver", facts={...}) as
+deliver:``.
+"""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -24,15 +26,20 @@ _ACTIVITY_OR_NONE = instance_of("an Activity(Do(...))", Activity).or_none()
 
 
 class Coordination(BlockMachine[AuthoredState]):
-    """A machine whose states have activities. Its states are written inside its ``with`` block, and checked at the end
-    of that; the first one is entered first.
+    """A machine whose states have activities. Its states are written inside its ``with`` block, and
+    checked at the end of that; the first one is entered first.
 
-    *facts*: what holds at the start. *watch*: variables that functions read (guards, costs, likelihoods), beside those
+    *facts*: what holds at the start. *watch*: variables that functions read (guards, costs,
+        likelihoods), beside those
     that are guards themselves or in Perceived.
     """
 
     def __init__(
-        self, name: str, *, facts: Mapping[str, Fact] | None = None, watch: Iterable[Variable[Any]] = ()
+        self,
+        name: str,
+        *,
+        facts: Mapping[str, Fact] | None = None,
+        watch: Iterable[Variable[Any]] = (),
     ) -> None:
         super().__init__(name, AuthoredState(StateKind.COMPOUND, name, None))
         check(self, FACTS, facts=facts or {})
@@ -43,7 +50,7 @@ class Coordination(BlockMachine[AuthoredState]):
     def __repr__(self) -> str:
         return f"machine '{self.name}'"
 
-    # --- states ----------------------------------------------------------------------------------------------------
+    # --- states -----------------------------------------------------------------------------------
 
     def state(self, label: str, activity: Activity | None = None) -> AuthoredState:
         """A state with an activity; or one without, which waits for an event."""
@@ -52,16 +59,18 @@ class Coordination(BlockMachine[AuthoredState]):
         return self._added(AuthoredState(kind, label, self._place(label), activity))
 
     def final(self, label: str) -> AuthoredState:
-        """The end of the compound in which it is written, which is done then; outside of any, that of the machine."""
+        """The end of the compound in which it is written, which is done then; outside of any, that
+        of the machine.
+        """
         return self._added(AuthoredState(StateKind.FINAL, label, self._place(label)))
 
     def compound(self, label: str) -> AuthoredState:
-        """A state that holds those that are written inside its ``with`` block. Its arrows apply in all of them, but for
-        those for "done": they are taken when a final state inside is reached.
+        """A state that holds those that are written inside its ``with`` block. Its arrows apply in
+        all of them, but for those for "done": they are taken when a final state inside is reached.
         """
         return self._added(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
 
-    # --- the whole -------------------------------------------------------------------------------------------------
+    # --- the whole --------------------------------------------------------------------------------
 
     @property
     def agents(self) -> list[Agent]:
@@ -91,7 +100,9 @@ class Coordination(BlockMachine[AuthoredState]):
         return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
-        """The machine with its likelihoods in that situation. *mistakes*: takes what their functions raise."""
+        """The machine with its likelihoods in that situation. *mistakes*: takes what their
+        functions raise.
+        """
         return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
     def interpreter(self) -> Interpreter:
@@ -99,10 +110,15 @@ class Coordination(BlockMachine[AuthoredState]):
         return Interpreter(self.states)
 
     def draw(self, path: str | Path, report: CoordinationReport | None = None) -> None:
-        """Draw it into a file, .svg, .png, .pdf or .dot. With a *report* of a run the current state is green, and those
-        that it foresees are yellow, with their likelihoods. Raises MisuseError if that can't be done.
+        """Draw it into a file, .svg, .png, .pdf or .dot. With a *report* of a run the current state
+        is green, and those that it foresees are yellow, with their likelihoods. Raises MisuseError
+        if that can't be done.
         """
-        marks, likely = ({}, None) if report is None else (report_marks(report), likely_arrows(self.chart, report))
+        marks, likely = (
+            ({}, None)
+            if report is None
+            else (report_marks(report), likely_arrows(self.chart, report))
+        )
         self._draw(path, chart_dot(self.chart, marks, likely))
 
     def _numbered(self) -> list[AuthoredState]:

@@ -7,9 +7,9 @@ T = TypeVar("T")
 
 
 class Mistakes:
-    """Errors in likelihoods, costs and policies, and in what reads the progress of early work. In a run each is told
-    once, and the run goes on without that bit of preview; elsewhere it is raised. What else stops a preview is told
-    once, too.
+    """Errors in likelihoods, costs and policies, and in what reads the progress of early work. In a
+    run each is told once, and the run goes on without that bit of preview; elsewhere it is raised.
+    What else stops a preview is told once, too.
     """
 
     def __init__(self, tell: Callable[[str], object] | None = None) -> None:
@@ -17,7 +17,9 @@ class Mistakes:
         self._told = set[str]()
 
     def otherwise(self, value: T, what: str, function: Callable[[], T]) -> T:
-        """The result of a function; that *value* if it fails, for the reason that *what* follows from it."""
+        """The result of a function; that *value* if it fails, for the reason that *what* follows
+        from it.
+        """
         try:
             return function()
         except Exception as error:

@@ -26,7 +26,9 @@ class Situation:
     """Of the current activity, in [0, 1]."""
 
     def variable(self, variable: Variable[Any], default: Any = None) -> Any:
-        """The value of a variable; the default if it was never set. Raises MisuseError if it is not watched."""
+        """The value of a variable; the default if it was never set. Raises MisuseError if it is not
+        watched.
+        """
         if variable.name not in self.variables:
             advice = f"give Coordination(..., watch=[...]) the variables that functions read, {variable.name!r} too"
             raise MisuseError(f"{variable.title} is not watched: {advice}")
@@ -42,4 +44,6 @@ class Situation:
 def check_confidence(variable: Variable[Any], what: str) -> None:
     """Raises MisuseError if a variable holds no number and no bool."""
     if json.loads(variable.data.schema or "{}").get("type") not in ("boolean", "integer", "number"):
-        raise MisuseError(f"{what} wants a variable of bool or float: {variable.title} holds {variable.data}")
+        raise MisuseError(
+            f"{what} wants a variable of bool or float: {variable.title} holds {variable.data}"
+        )

@@ -23,7 +23,11 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
     """A state of a machine that is being written; ``to`` says which state follows it."""
 
     def __init__(
-        self, kind: StateKind, label: str, parent: "AuthoredState | None", activity: Activity | None = None
+        self,
+        kind: StateKind,
+        label: str,
+        parent: "AuthoredState | None",
+        activity: Activity | None = None,
     ) -> None:
         super().__init__(kind, label, parent)
         self.activity = activity
@@ -43,8 +47,9 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         likelihood: Likelihood | None = None,
         guard_name: str = "",
     ) -> "AuthoredArrow":
-        """An arrow to another state, or to the one of that label. It is taken at the event *on*, if *when* holds; of
-        several with one event the first whose guard holds. *guard_name*: for texts, instead of the guard's own name.
+        """An arrow to another state, or to the one of that label. It is taken at the event *on*, if
+        *when* holds; of several with one event the first whose guard holds. *guard_name*: for
+        texts, instead of the guard's own name.
         """
         check(f"{self!r}.to(...)", LABEL, on=on)
         name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
@@ -56,22 +61,35 @@ class AuthoredArrow(Arrow[AuthoredState]):
     """A transition of a machine that is being written."""
 
     def __init__(
-        self, source: AuthoredState, target: AuthoredState | str, event: str, guard: Guard | None, guard_name: str,
+        self,
+        source: AuthoredState,
+        target: AuthoredState | str,
+        event: str,
+        guard: Guard | None,
+        guard_name: str,
         model: LikelihoodModel | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(source, target, event, (guard_name,) if guard is not None else ())
         self.guard = guard
         self.model = model
 
     @property
     def is_inherited(self) -> bool:
-        """Whether the states inside its own obey it; not where it leads on from the end of a compound."""
+        """Whether the states inside its own obey it; not where it leads on from the end of a
+        compound.
+        """
         return self.event != DONE or self.source.kind is not StateKind.COMPOUND
 
     @property
     def is_impossible(self) -> bool:
-        """Whether its author says that it is never taken: its likelihood is 0, and does not change."""
-        return self.model is not None and self.model.is_constant and self.model.value(Situation(), "", "") == 0
+        """Whether its author says that it is never taken: its likelihood is 0, and does not
+        change.
+        """
+        return (
+            self.model is not None
+            and self.model.is_constant
+            and self.model.value(Situation(), "", "") == 0
+        )
 
     @property
     def variables(self) -> list[Variable[Any]]:

@@ -1,1 +1,3 @@
-"""Looking ahead: the states that are likely to follow, and which of their activities may start now. Pure."""
+"""Looking ahead: the states that are likely to follow, and which of their activities may start now.
+Pure.
+"""

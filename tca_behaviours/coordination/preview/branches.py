@@ -1,6 +1,8 @@
-"""The variables that some branch of a machine may need as they are: early work changes one only if it can be undone.
+"""The variables that some branch of a machine may need as they are: early work changes one only if
+it can be undone.
 
-These are the live variables of a program, as compilers find them. They follow from the structure of a machine alone.
+These are the live variables of a program, as compilers find them. They follow from the structure of
+a machine alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,44 +23,57 @@ class BareArrow(NamedTuple):
 
 
 def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
-    """For each leaf, the variables that a branch after it may need as they are, and the leaf where that branch begins.
-    An arrow of which the likelihood is 0 for ever begins no branch.
+    """For each leaf, the variables that a branch after it may need as they are, and the leaf where
+    that branch begins. An arrow of which the likelihood is 0 for ever begins no branch.
     """
     leaves = [state for state in machine.states if state.leaf is state]
     arrows = {
         leaf.number: [
             BareArrow(arrow.target.leaf.number, arrow.event == FAILED)
-            for arrow in [arrow for arrow in arrows_of(leaf) if not arrow.is_impossible] or arrows_of(leaf)
+            for arrow in [arrow for arrow in arrows_of(leaf) if not arrow.is_impossible]
+            or arrows_of(leaf)
         ]
         for leaf in leaves
     }
-    return live_variables(arrows, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None})
+    return live_variables(
+        arrows, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None}
+    )
 
 
 def live_variables(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
 ) -> dict[int, dict[str, int]]:
-    """For each state, the variables that, on some path after it, a state needs before one has made them anew, each
-    with the first state of that path. The end, a state without arrows, needs all of them: the next run builds on what
-    this one leaves.
+    """For each state, the variables that, on some path after it, a state needs before one has made
+    them anew, each with the first state of that path. The end, a state without arrows, needs all of
+    them: the next run builds on what this one leaves.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
-    entering: dict[int, set[str]] = {state: set() if following else changed for state, following in arrows.items()}
+    entering: dict[int, set[str]] = {
+        state: set() if following else changed for state, following in arrows.items()
+    }
     is_stable = False
     while not is_stable:
         is_stable = True
-        for state in reversed([state for state in arrows if arrows[state]]):  # needs travel against the arrows
+        for state in reversed(
+            [state for state in arrows if arrows[state]]
+        ):  # needs travel against the arrows
             live = _live_before(arrows[state], entering, activities.get(state))
             if live != entering[state]:
                 entering[state] = live
                 is_stable = False
     return {
-        state: {variable: arrow.target for arrow in reversed(arrows[state]) for variable in entering[arrow.target]}
+        state: {
+            variable: arrow.target
+            for arrow in reversed(arrows[state])
+            for variable in entering[arrow.target]
+        }
         for state in arrows
     }
 
 
-def _live_before(arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None) -> set[str]:
+def _live_before(
+    arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None
+) -> set[str]:
     """The variables that a state, or what follows it, needs as they are when it is entered."""
     later = set().union(*(entering[arrow.target] for arrow in arrows))
     if activity is None:

@@ -49,14 +49,18 @@ class Present:
     facts: Mapping[str, Fact]
     """As the robot is, with what early work has changed; what is being changed is absent."""
     situation: Situation
-    """As the machine without a preview would see it. Its progress is that of the current activity."""
+    """As the machine without a preview would see it. Its progress is that of the current
+    activity.
+    """
     is_done: bool = False
     """Whether the current activity has been done, and the machine waits for something else."""
     is_new: bool = False
     """Whether the machine has taken a transition since the last decision."""
     work: Sequence[EarlyWork] = ()
     spoilt: Collection[str] = frozenset()
-    """Variables that early work has changed in vain, and that have not been restored or made anew."""
+    """Variables that early work has changed in vain, and that have not been restored or made
+    anew.
+    """
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,15 @@ class Decision:
 
     preview: list[Foreseen]
     shares: dict[int, float] = field(default_factory=dict)
-    """By state, the share of full speed of activities that start now, before their turn, or get another speed."""
+    """By state, the share of full speed of activities that start now, before their turn, or get
+    another speed.
+    """
     stops: list[Objection] = field(default_factory=list)
     """Early work that is of no use any more, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
-    """Activities of the list that do not start now, and why; and the current one if no state is foreseen after it."""
+    """Activities of the list that do not start now, and why; and the current one if no state is
+    foreseen after it.
+    """
 
 
 class LookAhead(NamedTuple):
@@ -94,7 +102,9 @@ class LookAhead(NamedTuple):
 class _Deciding:
     """One decision: the states of the list have their turns, the next one first."""
 
-    def __init__(self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision) -> None:
+    def __init__(
+        self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision
+    ) -> None:
         self.automaton = automaton
         self.present = present
         self.policy = ahead.policy
@@ -119,7 +129,9 @@ class _Deciding:
                 if state in seen:
                     self.decision.refused.append(Objection(state, Reason.REPEATED))
                 else:
-                    self._turn(self._candidate(index, foreseen, activity, before, progress), activity)
+                    self._turn(
+                        self._candidate(index, foreseen, activity, before, progress), activity
+                    )
                     work = self.work.get(state)
                     is_done = work is not None and work.phase is WorkPhase.DONE
                     self.before.add(state, activity.needs, activity.makes, is_done=is_done)
@@ -132,7 +144,7 @@ class _Deciding:
             if objection := self._objection_to_unforeseen(work):
                 self.decision.stops.append(objection)
 
-    # --- what is reserved ------------------------------------------------------------------------------------------
+    # --- what is reserved -------------------------------------------------------------------------
 
     def _reserve(self) -> None:
         """For the current activity, which goes first, and for all that runs."""
@@ -160,25 +172,33 @@ class _Deciding:
         assert activity is not None, f"state {state} has early work, and no activity"
         return activity
 
-    # --- progress --------------------------------------------------------------------------------------------------
+    # --- progress ---------------------------------------------------------------------------------
 
     def _progress_of_current(self) -> float:
         activity = self.automaton.activity(self.present.current)
         if activity is None:
             return 0.0
-        return 1.0 if self.present.is_done or not activity.has_progress else self.present.situation.progress
+        return (
+            1.0
+            if self.present.is_done or not activity.has_progress
+            else self.present.situation.progress
+        )
 
     def _progress(self, state: int) -> float:
-        """Of the activity of a foreseen state, as those after it see it: 1 where none can be reported."""
+        """Of the activity of a foreseen state, as those after it see it: 1 where none can be
+        reported.
+        """
         activity, work = self.automaton.activity(state), self.work.get(state)
         if activity is None or work is None:
             return 0.0
         running = work.progress if activity.has_progress else 1.0
         return {WorkPhase.RUNNING: running, WorkPhase.DONE: 1.0}.get(work.phase, 0.0)
 
-    # --- one activity ----------------------------------------------------------------------------------------------
+    # --- one activity -----------------------------------------------------------------------------
 
-    def _candidate(self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float) -> Candidate:
+    def _candidate(
+        self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float
+    ) -> Candidate:
         """*progress*: of the activity of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
@@ -217,7 +237,9 @@ class _Deciding:
 
     def _begin(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
-        objection = self._objection(state, activity, is_running=False) or self._objection_to_start(state, activity)
+        objection = self._objection(state, activity, is_running=False) or self._objection_to_start(
+            state, activity
+        )
         share = self._allotted_share(candidate, activity, objection, self.decision.refused)
         if not share:
             return
@@ -235,9 +257,15 @@ class _Deciding:
             self.decision.shares[candidate.state] = share
 
     def _allotted_share(
-        self, candidate: Candidate, activity: Activity, objection: Objection | None, objections: list[Objection]
+        self,
+        candidate: Candidate,
+        activity: Activity,
+        objection: Objection | None,
+        objections: list[Objection],
     ) -> float:
-        """The share of full speed that the policy wants, with places at the agents; or 0, with an objection more."""
+        """The share of full speed that the policy wants, with places at the agents; or 0, with an
+        objection more.
+        """
         share = 0.0 if objection else self._share(candidate, activity)
         if isnan(share):
             objection = Objection(candidate.state, Reason.MISTAKE)
@@ -260,12 +288,16 @@ class _Deciding:
     def _valued(self, otherwise: float, activity: Activity, function: Callable[[], float]) -> float:
         return self.mistakes.otherwise(otherwise, f"{activity!r} does not run early", function)
 
-    # --- objections ------------------------------------------------------------------------------------------------
+    # --- objections -------------------------------------------------------------------------------
 
     def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
-        """What speaks against an activity that is to run now. One that runs may have changed what it needed."""
+        """What speaks against an activity that is to run now. One that runs may have changed what
+        it needed.
+        """
         for variable, value in activity.needs.items():
-            is_settled = variable not in self.unsettled and self.present.facts.get(variable) == value
+            is_settled = (
+                variable not in self.unsettled and self.present.facts.get(variable) == value
+            )
             if not is_settled and not (is_running and variable in activity.makes):
                 return Objection(state, Reason.NEEDS, variable)
         return self.before.clash(state, activity.needs, activity.makes)
@@ -276,14 +308,18 @@ class _Deciding:
             return clash
         if not activity.undo and (variable := harmed(activity, self.needed)):
             return Objection(state, Reason.BRANCH, variable, self.needed[variable])
-        variable = next((variable for variable in activity.makes if variable in self.unsettled), None)
+        variable = next(
+            (variable for variable in activity.makes if variable in self.unsettled), None
+        )
         spoilt = self.unsettled & self.needed.keys()
         if variable and spoilt:  # what undoes that work would take this result with it
             return Objection(state, Reason.BRANCH, variable, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
-        """What is done stays while the current state does, and nothing that runs needs or makes the same variable."""
+        """What is done stays while the current state does, and nothing that runs needs or makes the
+        same variable.
+        """
         if work.phase is not WorkPhase.DONE or self.present.is_new:
             return Objection(work.state, Reason.NOT_FORESEEN)
         return self.running.clash(work.state, (), self._activity(work.state).makes)

@@ -1,4 +1,6 @@
-"""Whether it is worth while to start an activity before its turn, and how fast: utilities, and policies."""
+"""Whether it is worth while to start an activity before its turn, and how fast: utilities, and
+policies.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,8 +23,8 @@ class Candidate:
     probability: float
     """Of the whole path that leads there."""
     progress_before: float
-    """Of the activity before it, in [0, 1]: 0 before that begins and in a wait for an event, 1 once it runs if its
-    tasks can report no progress.
+    """Of the activity before it, in [0, 1]: 0 before that begins and in a wait for an event, 1 once
+    it runs if its tasks can report no progress.
     """
     cost: float
     """Of doing it in vain."""
@@ -43,11 +45,15 @@ Utility = Callable[[Candidate], float]
 
 
 def expected_gain(candidate: Candidate) -> float:
-    """With the probability p of its path, the progress b of the activity before, its own progress x, its cost C and
-    that of undoing it D: ``p * b - (1 - p) * (1 - x) * (C + D)``.
+    """With the probability p of its path, the progress b of the activity before, its own progress
+    x, its cost C and that of undoing it D: ``p * b - (1 - p) * (1 - x) * (C + D)``.
     """
     gain = candidate.probability * candidate.progress_before
-    loss = (1 - candidate.probability) * (1 - candidate.progress) * (candidate.cost + candidate.undo_cost)
+    loss = (
+        (1 - candidate.probability)
+        * (1 - candidate.progress)
+        * (candidate.cost + candidate.undo_cost)
+    )
     return gain - loss
 
 
@@ -68,14 +74,16 @@ class Policy:
         self.utility = utility
 
     def wanted(self, utility: float) -> float:
-        """The share in [0, 1] for this utility, which grows with it; 0: the activity does not run ahead."""
+        """The share in [0, 1] for this utility, which grows with it; 0: the activity does not run
+        ahead.
+        """
         raise NotImplementedError
 
     def share(self, candidate: Candidate) -> float:
         """The share of full speed for an activity.
 
-        Progress of the activity before says when to begin. It is not asked again: an activity that runs goes on as it
-        does until its path has become too unlikely.
+        Progress of the activity before says when to begin. It is not asked again: an activity that
+        runs goes on as it does until its path has become too unlikely.
         """
         share = self.wanted(self.utility(candidate))
         if not candidate.share:
@@ -98,11 +106,14 @@ class Discrete(Policy):
 
 
 class Continuous(Policy):
-    """The share grows evenly from 0 at the utility *from_* to 1 at *to*, in steps of a tenth, so that a task does not
-    get a new speed at each report. An activity without ``adapt`` runs at full speed or not at all.
+    """The share grows evenly from 0 at the utility *from_* to 1 at *to*, in steps of a tenth, so
+    that a task does not get a new speed at each report. An activity without ``adapt`` runs at full
+    speed or not at all.
     """
 
-    def __init__(self, from_: float = 0.2, to: float = 0.8, utility: Utility = expected_gain) -> None:
+    def __init__(
+        self, from_: float = 0.2, to: float = 0.8, utility: Utility = expected_gain
+    ) -> None:
         super().__init__(utility)
         check("Continuous", _NUMBER, from_=from_, to=to)
         self.from_, self.to = from_, to

@@ -1,4 +1,6 @@
-"""What activities take before their turn: variables, and places at agents. They are given to those that come first."""
+"""What activities take before their turn: variables, and places at agents. They are given to those
+that come first.
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -15,8 +17,12 @@ class Reservations:
         self._made: dict[str, int] = {}
         self._being_made: dict[str, int] = {}  # of these, what is not done
 
-    def add(self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False) -> None:
-        """Reserve the variables of an activity. One that is *done* keeps what it has made, for others to build on."""
+    def add(
+        self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False
+    ) -> None:
+        """Reserve the variables of an activity. One that is *done* keeps what it has made, for
+        others to build on.
+        """
         for variable in needs:
             self._needed.setdefault(variable, state)
         for variable in makes:
@@ -26,7 +32,9 @@ class Reservations:
 
     def clash(self, state: int, needs: Iterable[str], makes: Iterable[str]) -> Objection | None:
         """The first variable that stands against the activity of a state, if any."""
-        kept = ((variable, reserved) for variable in makes for reserved in (self._made, self._needed))
+        kept = (
+            (variable, reserved) for variable in makes for reserved in (self._made, self._needed)
+        )
         for variable, reserved in (*kept, *((variable, self._being_made) for variable in needs)):
             if variable in reserved:
                 return Objection(state, Reason.CONFLICT, variable, reserved[variable])
@@ -46,4 +54,11 @@ class Places:
     def full(self, tasks: Iterable[Do]) -> Agent | None:
         """The first agent that has too few places left for these tasks, if any."""
         wanted = Counter(agent for task in tasks for agent in task.agents)
-        return next((agent for agent, places in wanted.items() if self._taken[agent] + places > agent.tasks), None)
+        return next(
+            (
+                agent
+                for agent, places in wanted.items()
+                if self._taken[agent] + places > agent.tasks
+            ),
+            None,
+        )

@@ -1,7 +1,8 @@
 """The preview list: the most probable path from a state to the next steady one.
 
-All paths are followed at once, the most probable first. So the path that reaches a steady state first is the most
-probable of all, and where one arrow of each state is likely, hardly anything beside the path is looked at.
+All paths are followed at once, the most probable first. So the path that reaches a steady state
+first is the most probable of all, and where one arrow of each state is likely, hardly anything
+beside the path is looked at.
 """
 
 from collections.abc import Iterator
@@ -22,8 +23,9 @@ _BELOW_1 = checks.number("0 or more, and less than 1", 0, nextafter(1, 0))
 class PreviewLimits:
     """Where a preview ends.
 
-    A state is *steady* if the probability that the machine stays in it, 1 minus the sum of its likelihoods, is *final*
-    or more, or if none of its likelihoods is more than *transition*. *horizon*: the longest list; None for no limit.
+    A state is *steady* if the probability that the machine stays in it, 1 minus the sum of its
+    likelihoods, is *final* or more, or if none of its likelihoods is more than *transition*.
+    *horizon*: the longest list; None for no limit.
     """
 
     final: float = 0.5
@@ -47,12 +49,15 @@ _NO_LIMITS = PreviewLimits()
 class _Path:
     """A path to a state: the arrow that enters it last, and the path before that.
 
-    The probability of a path of thousands of states is less than the least float; so it is kept as two numbers.
+    The probability of a path of thousands of states is less than the least float; so it is kept as
+    two numbers.
     """
 
     __slots__ = ("arrow", "before", "exponent", "length", "likelihood", "mantissa", "state")
 
-    def __init__(self, state: int, before: "_Path | None" = None, arrow: int = 0, likelihood: float = 1.0) -> None:
+    def __init__(
+        self, state: int, before: "_Path | None" = None, arrow: int = 0, likelihood: float = 1.0
+    ) -> None:
         self.state = state
         self.before = before
         self.arrow = arrow  # its place among those of the state before
@@ -68,7 +73,9 @@ class _Path:
         return ldexp(self.mantissa, self.exponent)
 
     def __lt__(self, other: "_Path") -> bool:
-        """Whether it comes first: more probable; then shorter; then by the order in which arrows are written."""
+        """Whether it comes first: more probable; then shorter; then by the order in which arrows
+        are written.
+        """
         if self.exponent != other.exponent:
             return self.exponent > other.exponent
         if self.mantissa != other.mantissa:
@@ -90,12 +97,15 @@ class _Path:
         return steps[::-1]
 
 
-def most_likely(automaton: Automaton, state: int, limits: PreviewLimits = _NO_LIMITS) -> list[Foreseen]:
-    """The most probable path from a state to the first steady one on it, which is included; empty if the state itself
-    is steady. A path of *horizon* states ends there too. Of paths that are equally probable, the one with fewer states;
-    then the one whose arrows are written first.
+def most_likely(
+    automaton: Automaton, state: int, limits: PreviewLimits = _NO_LIMITS
+) -> list[Foreseen]:
+    """The most probable path from a state to the first steady one on it, which is included; empty
+    if the state itself is steady. A path of *horizon* states ends there too. Of paths that are
+    equally probable, the one with fewer states; then the one whose arrows are written first.
 
-    Where no steady state can be reached, the likeliest arrow of each state, until a state comes again.
+    Where no steady state can be reached, the likeliest arrow of each state, until a state comes
+    again.
     """
     queue = [_Path(state)]
     looked_at: set[tuple[int, int]] = set()

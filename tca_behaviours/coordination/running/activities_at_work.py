@@ -1,7 +1,9 @@
-"""The activities that a run has started: the current one, those ahead of their states, and what they leave behind.
+"""The activities that a run has started: the current one, those ahead of their states, and what
+they leave behind.
 
-Two accounts of facts are kept. The plain ones are changed by activities whose states were entered: guards and
-likelihoods see these, as they would without a preview. The present ones are how the robot is now.
+Two accounts of facts are kept. The plain ones are changed by activities whose states were entered:
+guards and likelihoods see these, as they would without a preview. The present ones are how the
+robot is now.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -25,11 +27,16 @@ class ActivitiesAtWork:
     """All activities of a run that were started and are not over, or have left something behind."""
 
     def __init__(
-        self, facts: Mapping[str, Fact], task: Task, failures: FailureNotes, patience: float,
-        put: Callable[[Callable[[], object]], object], mistakes: Mistakes,
-    ) -> None:  # fmt: skip
-        """*put*: takes what has happened, for the thread of the run. *mistakes*: takes what raises where the progress
-        of early work is read.
+        self,
+        facts: Mapping[str, Fact],
+        task: Task,
+        failures: FailureNotes,
+        patience: float,
+        put: Callable[[Callable[[], object]], object],
+        mistakes: Mistakes,
+    ) -> None:
+        """*put*: takes what has happened, for the thread of the run. *mistakes*: takes what raises
+        where the progress of early work is read.
         """
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has begun."""
@@ -48,11 +55,13 @@ class ActivitiesAtWork:
         self._restoring: tuple[StartedActivity, StartedActivity] | None = None
         """The tasks that undo something, and the activity that has changed it."""
         self._spoilers: list[StartedActivity] = []
-        """Wasted activities, oldest first: what they have ``spoilt`` was not made anew or restored."""
+        """Wasted activities, oldest first: what they have ``spoilt`` was not made anew or
+        restored.
+        """
         self._news: list[StartedActivity] = []
         """Those whose role has changed, and nobody has been told."""
 
-    # --- how things are --------------------------------------------------------------------------------------------
+    # --- how things are ---------------------------------------------------------------------------
 
     @property
     def plain_facts(self) -> Mapping[str, Fact]:
@@ -71,8 +80,14 @@ class ActivitiesAtWork:
 
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
         """How the run stands in that state. *is_new*: nothing has been decided in it."""
-        work = [EarlyWork(one.state, _phase(one), one.progress, one.share) for one in self._ahead.values()]
-        work += [EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share) for one in self._ending]
+        work = [
+            EarlyWork(one.state, _phase(one), one.progress, one.share)
+            for one in self._ahead.values()
+        ]
+        work += [
+            EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share)
+            for one in self._ending
+        ]
         if self._restoring is not None:
             work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
         spoilt = frozenset().union(*(one.spoilt for one in self._spoilers))
@@ -93,23 +108,27 @@ class ActivitiesAtWork:
         self._news.clear()
         return found
 
-    # --- the current activity --------------------------------------------------------------------------------------
+    # --- the current activity ---------------------------------------------------------------------
 
     def begin(self, state: int, activity: Activity) -> str:
-        """Start the activity of the current state, unless something is in its way: work that is about to end, or
-        something to be restored first. Why it can never begin, in words; or "".
+        """Start the activity of the current state, unless something is in its way: work that is
+        about to end, or something to be restored first. Why it can never begin, in words; or "".
         """
         if unmet := self._plain.unmet(activity):
             return unmet
         others = [one for one in self._all() if not one.is_over]
-        if self._restoring is not None or any(one.state == state or one.conflicts_with(activity) for one in others):
+        if self._restoring is not None or any(
+            one.state == state or one.conflicts_with(activity) for one in others
+        ):
             return ""
         if (spoiler := self._to_undo(activity)) is not None:
             self._undo(spoiler)
             return ""
         if unmet := self._now.unmet(activity):
             return unmet
-        self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
+        self.current = work = StartedActivity(
+            state, activity, TaskRole.CURRENT, self._now.begin(activity)
+        )
         self._begin_entered(activity)
         self._start(work)
         return ""
@@ -126,8 +145,8 @@ class ActivitiesAtWork:
         self.current = None
 
     def enter(self, state: int) -> bool:
-        """A state is entered. Work ahead of it is its activity now, unless it has failed or would not begin without a
-        preview. Whether there is such work.
+        """A state is entered. Work ahead of it is its activity now, unless it has failed or would
+        not begin without a preview. Whether there is such work.
         """
         work = self._ahead.get(state)
         if work is None:
@@ -150,10 +169,14 @@ class ActivitiesAtWork:
         for spoiler in self._spoilers:
             spoiler.spoilt -= activity.makes.keys()
 
-    # --- ahead -----------------------------------------------------------------------------------------------------
+    # --- ahead ------------------------------------------------------------------------------------
 
-    def begin_ahead(self, state: int, activity: Activity, share: float, rank: int, data: list[Any]) -> None:
-        """Start the activity of a state that is foreseen, at a share of its full speed, with the data for that."""
+    def begin_ahead(
+        self, state: int, activity: Activity, share: float, rank: int, data: list[Any]
+    ) -> None:
+        """Start the activity of a state that is foreseen, at a share of its full speed, with the
+        data for that.
+        """
         work = StartedActivity(state, activity, TaskRole.AHEAD, self._now.begin(activity))
         work.share, work.rank, work.data = share, rank, data
         self._ahead[state] = work
@@ -185,8 +208,8 @@ class ActivitiesAtWork:
         self._spoilers = [*(one for one in self._spoilers if one.spoilt), work]
 
     def _to_undo(self, activity: Activity) -> StartedActivity | None:
-        """The newest wasted work to be undone before an activity: it has changed what this needs, or more than this
-        makes anew.
+        """The newest wasted work to be undone before an activity: it has changed what this needs,
+        or more than this makes anew.
         """
         needs, makes = activity.needs.keys(), activity.makes.keys()
         for spoiler in self._undoable():
@@ -202,11 +225,13 @@ class ActivitiesAtWork:
         """Undo wasted work, if nothing that runs is in the way of that."""
         if any(one.conflicts_with(_undoing(spoiler)) for one in self._all()):
             return
-        work = StartedActivity(spoiler.state, _undoing(spoiler), TaskRole.RESTORING, self._now.begin(spoiler.activity))
+        work = StartedActivity(
+            spoiler.state, _undoing(spoiler), TaskRole.RESTORING, self._now.begin(spoiler.activity)
+        )
         self._restoring = work, spoiler
         self._start(work)
 
-    # --- tasks -----------------------------------------------------------------------------------------------------
+    # --- tasks ------------------------------------------------------------------------------------
 
     def _start(self, work: StartedActivity) -> None:
         work.start(self._task, self._heard)
@@ -242,7 +267,9 @@ class ActivitiesAtWork:
         if work.failed_task is not None and work.kill_at is None:  # the others have to end, too
             if work is not self.current:
                 self._waste(work)
-            work.request_end("another task of its activity has failed", self._task.time() + self._patience)
+            work.request_end(
+                "another task of its activity has failed", self._task.time() + self._patience
+            )
         if work.is_over and work in self._ending:
             self._ending.remove(work)
         if work.is_over and work.spoilt and not work.has_begun:
@@ -255,15 +282,19 @@ class ActivitiesAtWork:
         if work.is_done:
             self._forget(spoiler)
         elif work.failed_task is not None:
-            _LOG.warning("%r did not undo what was done ahead in vain: that stays", work.failed_task.sent)
+            _LOG.warning(
+                "%r did not undo what was done ahead in vain: that stays", work.failed_task.sent
+            )
         spoiler.spoilt.clear()
 
     def _forget(self, spoiler: StartedActivity) -> None:
         """What it would have changed is as it was before."""
-        self._now.known |= {name: value for name, value in spoiler.before.items() if name in spoiler.spoilt}
+        self._now.known |= {
+            name: value for name, value in spoiler.before.items() if name in spoiler.spoilt
+        }
         spoiler.spoilt.clear()
 
-    # --- ends ------------------------------------------------------------------------------------------------------
+    # --- ends -------------------------------------------------------------------------------------
 
     def _end(self, work: StartedActivity, why: str) -> None:
         self._ending.append(work)
@@ -272,13 +303,21 @@ class ActivitiesAtWork:
     @property
     def kill_due(self) -> float | None:
         """When the patience with something that is to end is over."""
-        waited = [one.kill_at for one in self._all() if one.kill_at is not None and not (one.is_over or one.is_killed)]
+        waited = [
+            one.kill_at
+            for one in self._all()
+            if one.kill_at is not None and not (one.is_over or one.is_killed)
+        ]
         return min(waited, default=None)
 
     def kill_late(self) -> None:
         """Kill what was asked to end, and has not ended in time."""
         for work in self._all():
-            if work.kill_at is not None and work.kill_at <= self._task.time() and not work.is_killed:
+            if (
+                work.kill_at is not None
+                and work.kill_at <= self._task.time()
+                and not work.is_killed
+            ):
                 work.kill(f"it has not ended within {self._patience:g} s")
 
     def kill_all(self, why: str) -> None:

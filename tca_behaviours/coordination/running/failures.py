@@ -1,7 +1,9 @@
-"""Failures of the tasks that a coordinator has sent: they are noted, and the machine decides what comes of them.
+"""Failures of the tasks that a coordinator has sent: they are noted, and the machine decides what
+comes of them.
 
-The exception handler is attached to the coordinator's message, before anybody else's: it is asked after those of the
-failing task, of its message and of the coordinator's task, and before those of the root.
+The exception handler is attached to the coordinator's message, before anybody else's: it is asked
+after those of the failing task, of its message and of the coordinator's task, and before those of
+the root.
 """
 
 from itertools import takewhile
@@ -44,7 +46,11 @@ class FailureNotes:
         return self._noted.pop(task, None)
 
     def _note(self, handling: Task, data: Any) -> None:
-        trouble, failing, attached = handling.trouble, handling.trouble.failing, handling.trouble.attached
+        trouble, failing, attached = (
+            handling.trouble,
+            handling.trouble.failing,
+            handling.trouble.attached,
+        )
         if attached is None or failing.id == attached.id:
             raise trouble.reissue()  # the coordinator's own
         above = [failing, *takewhile(lambda task: task.id != attached.id, failing.ancestors())][-1]

@@ -13,7 +13,9 @@ class MachineEvent(msgspec.Struct, frozen=True):
 
 
 COORDINATION_EVENT = Broadcast("coordination event", MachineEvent)
-"""Tells coordinators of an event. A machine whose current state has no arrow for it does nothing."""
+"""Tells coordinators of an event. A machine whose current state has no arrow for it does
+nothing.
+"""
 
 
 class CoordinationEnd(msgspec.Struct, frozen=True):
@@ -30,7 +32,11 @@ class CoordinationEnd(msgspec.Struct, frozen=True):
 
 
 ACTIVITY_STOPPED = Failure("activity stopped")
-"""A task of the current activity was killed by somebody, and its state has no arrow for "failed"."""
+"""A task of the current activity was killed by somebody, and its state has no arrow for
+"failed".
+"""
 
 NEEDS_NOT_MET = Failure("needs not met")
-"""A fact that an activity needs does not hold when its state is entered, and the state has no arrow for "failed"."""
+"""A fact that an activity needs does not hold when its state is entered, and the state has no arrow
+for "failed".
+"""

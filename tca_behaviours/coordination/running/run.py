@@ -1,7 +1,7 @@
 """One run of a machine: it hears of tasks, variables and events, and starts and stops activities.
 
-All happens in the thread that handles the coordinator's task. It waits for whatever comes first; then the machine goes
-on as far as it can, and looks ahead anew.
+All happens in the thread that handles the coordinator's task. It waits for whatever comes first;
+then the machine goes on as far as it can, and looks ahead anew.
 """
 
 from collections import deque
@@ -18,7 +18,11 @@ from tca_behaviours.coordination.model.states import DONE, FAILED
 from tca_behaviours.coordination.preview.decide import Decision, LookAhead
 from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtWork
 from tca_behaviours.coordination.running.failures import FailureNotes
-from tca_behaviours.coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
+from tca_behaviours.coordination.running.messages import (
+    ACTIVITY_STOPPED,
+    NEEDS_NOT_MET,
+    CoordinationEnd,
+)
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen
 from tca_wire.text.early_work import came_late, why_not_early, why_stopped
@@ -28,9 +32,14 @@ class CoordinationRun:
     """A machine at work, as a task."""
 
     def __init__(
-        self, machine: Coordination, interpreter: Interpreter, look_ahead: LookAhead | None, task: Task,
-        failures: FailureNotes, patience: float,
-    ) -> None:  # fmt: skip
+        self,
+        machine: Coordination,
+        interpreter: Interpreter,
+        look_ahead: LookAhead | None,
+        task: Task,
+        failures: FailureNotes,
+        patience: float,
+    ) -> None:
         """*interpreter*: the machine's, in its first state."""
         self._machine = machine
         self._look_ahead = look_ahead
@@ -40,11 +49,15 @@ class CoordinationRun:
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
         self._mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
-        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append, self._mistakes)
+        self._work = ActivitiesAtWork(
+            machine.facts, task, failures, patience, self._heard.append, self._mistakes
+        )
         self._unmet = ""
         """Why the current activity can't begin, in words; "" if it can."""
         self._failed_at_once = set[int]()
-        """States that could not begin, since something was heard last: coming back to one goes round for ever."""
+        """States that could not begin, since something was heard last: coming back to one goes
+        round for ever.
+        """
         self._is_entered = False
         """Its activity has begun or waits to begin, if it has one."""
         self._taken: list[TakenArrow] = []
@@ -52,7 +65,7 @@ class CoordinationRun:
         self._told: CoordinationReport | None = None
         self._transitions = 0
 
-    # --- what happens ----------------------------------------------------------------------------------------------
+    # --- what happens -----------------------------------------------------------------------------
 
     def note_event(self, event: str) -> None:
         """An event has happened. From any thread."""
@@ -67,7 +80,9 @@ class CoordinationRun:
         self._task.wake()
 
     def until_end(self) -> CoordinationEnd:
-        """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
+        """Run the machine until it has ended. Nothing that it has started runs on, whatever
+        happens.
+        """
         try:
             for variable in self._machine.variables:
                 self._variables[variable.name] = self._task.get_variable(variable, None)
@@ -75,10 +90,14 @@ class CoordinationRun:
                 self._go_on()
                 self._wait()
         except BaseException:
-            with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
+            with suppress(
+                TcaError
+            ):  # without central there is nothing to stop, and it ends them itself
                 self._work.kill_all(f"{self._machine!r} has ended")
             raise
-        return CoordinationEnd(self._interpreter.state.label, self._transitions, self._work.kept, self._work.wasted)
+        return CoordinationEnd(
+            self._interpreter.state.label, self._transitions, self._work.kept, self._work.wasted
+        )
 
     def _is_over(self) -> bool:
         return self._interpreter.is_ended and self._told is not None and self._work.is_over
@@ -94,7 +113,7 @@ class CoordinationRun:
             self._heard.popleft()()
         self._work.kill_late()
 
-    # --- what comes of it ------------------------------------------------------------------------------------------
+    # --- what comes of it -------------------------------------------------------------------------
 
     def _go_on(self) -> None:
         """Let the machine go on as far as it can; then look ahead."""
@@ -128,8 +147,8 @@ class CoordinationRun:
         )
 
     def _begin_current(self) -> None:
-        """Start the activity of the current state, if it has one and nothing is in its way any more; at the end, what
-        undoes early work.
+        """Start the activity of the current state, if it has one and nothing is in its way any
+        more; at the end, what undoes early work.
         """
         if self._interpreter.is_ended:
             self._work.restore()
@@ -139,10 +158,16 @@ class CoordinationRun:
         self._is_entered = True
 
     def _begin_ahead(self, decision: Decision) -> None:
-        for state, rank in {one.state: rank for rank, one in enumerate(decision.preview, 1)}.items():
+        for state, rank in {
+            one.state: rank for rank, one in enumerate(decision.preview, 1)
+        }.items():
             work, activity = self._work.ahead(state), self._machine.states[state].activity
             share = decision.shares.get(state, work.share if work is not None else 0.0)
-            if activity is None or not share or (work is not None and (share, rank) == (work.share, work.rank)):
+            if (
+                activity is None
+                or not share
+                or (work is not None and (share, rank) == (work.share, work.rank))
+            ):
                 continue
             otherwise = "does not run early" if work is None else "runs on as it does"
             make = partial(activity.data_at, share, rank)
@@ -156,7 +181,9 @@ class CoordinationRun:
         self._work.adapt_speeds()
 
     def _move(self) -> bool:
-        """Take one transition, if there is one; whether there was. What a state does is tried before it is left."""
+        """Take one transition, if there is one; whether there was. What a state does is tried
+        before it is left.
+        """
         if not self._is_entered:
             return False
         current = self._work.current
@@ -196,20 +223,27 @@ class CoordinationRun:
             raise failed.failure.error_of(failed.sent)
         raise ACTIVITY_STOPPED(text=f"'{label}': {failed.sent} was killed: {failed.killed}")
 
-    # --- what is told ----------------------------------------------------------------------------------------------
+    # --- what is told -----------------------------------------------------------------------------
 
     def _report(self, decision: Decision) -> None:
         news, told = self._work.role_changes(), self._told
         for arrow in self._taken[:-1]:
             passed = told.refused if told is not None else []
-            self._task.report(CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=passed))
+            self._task.report(
+                CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=passed)
+            )
         last = self._taken[-1] if self._taken else TakenArrow(-1, "", -1)
         self._taken.clear()
         preview = [_rounded(one) for one in decision.preview]
         report = CoordinationReport(
             self._interpreter.current, last.symbol, last.before, preview, news, decision.refused
-        )  # fmt: skip
-        if last.symbol or news or told is None or (told.preview, told.refused) != (preview, decision.refused):
+        )
+        if (
+            last.symbol
+            or news
+            or told is None
+            or (told.preview, told.refused) != (preview, decision.refused)
+        ):
             self._task.report(report)
             self._told = report
         for objection in came_late(told, report) if told is not None else ():

@@ -18,8 +18,12 @@ Heard = Callable[["ActivityTask", Change], object]
 class ActivityTask:
     """A task of an activity that was started."""
 
-    def __init__(self, under: Task, do: Do, data: Any, activity: Activity, rank: int, heard: Heard) -> None:
-        """*data*: its own, or what they are at another speed. *rank*: its place in the preview list, or 0."""
+    def __init__(
+        self, under: Task, do: Do, data: Any, activity: Activity, rank: int, heard: Heard
+    ) -> None:
+        """*data*: its own, or what they are at another speed. *rank*: its place in the preview
+        list, or 0.
+        """
         self.do = do
         self.progress = 0.0
         self.has_begun = False
@@ -41,7 +45,9 @@ class ActivityTask:
         return self.failure is not None or bool(self.killed)
 
     def note(self, change: Change, failures: FailureNotes, mistakes: Mistakes) -> None:
-        """Its state has changed, or it has told of its progress. *mistakes*: takes what raises where that is read."""
+        """Its state has changed, or it has told of its progress. *mistakes*: takes what raises
+        where that is read.
+        """
         if self._reports is not None:
             what = f"the progress of {self._activity!r} stays as it was"
             for report in self._reports.arrived():
@@ -49,7 +55,9 @@ class ActivityTask:
                 self.progress = mistakes.otherwise(self.progress, what, read)
         if change.state != self.do.message.life_cycle.initial:
             is_killed = change.is_over and change.by == "central"
-            self.has_begun |= change.is_late or change.missed > 0 or not (is_killed or change.by == "client")
+            self.has_begun |= (
+                change.is_late or change.missed > 0 or not (is_killed or change.by == "client")
+            )
         if not change.is_over or self.is_over:
             return
         self.is_over, self.progress = True, 1.0
@@ -80,16 +88,22 @@ class ActivityTask:
 
 
 class StartedActivity:
-    """An activity that was started: when its state was entered, ahead of that, or to undo what another has changed."""
+    """An activity that was started: when its state was entered, ahead of that, or to undo what
+    another has changed.
+    """
 
-    def __init__(self, state: int, activity: Activity, role: TaskRole, before: dict[str, Fact]) -> None:
+    def __init__(
+        self, state: int, activity: Activity, role: TaskRole, before: dict[str, Fact]
+    ) -> None:
         self.state = state
         self.activity = activity
         self.role = role
         self.before = before
         """What it changes, as it was."""
         self.spoilt = set[str]()
-        """The facts that it has changed in vain, and that have not been made anew or restored since."""
+        """The facts that it has changed in vain, and that have not been made anew or restored
+        since.
+        """
         self.share = 1.0
         """Of its full speed."""
         self.rank = 0
@@ -133,7 +147,10 @@ class StartedActivity:
     @property
     def progress(self) -> float:
         """The least progress of those tasks that can report any."""
-        return min((task.progress for task in self.tasks if task.do.has_progress), default=float(self.is_over))
+        return min(
+            (task.progress for task in self.tasks if task.do.has_progress),
+            default=float(self.is_over),
+        )
 
     def update_tasks(self) -> None:
         """Tell its tasks of their data, where these have changed."""
@@ -157,14 +174,29 @@ class StartedActivity:
     def roles(self) -> list[RoleChange]:
         """What its tasks are to the machine, from now on."""
         return [
-            RoleChange(task.sent.id, self.state, "+".join(agent.name for agent in task.do.agents), self.role)
+            RoleChange(
+                task.sent.id,
+                self.state,
+                "+".join(agent.name for agent in task.do.agents),
+                self.role,
+            )
             for task in self.tasks
         ]
 
     def conflicts_with(self, activity: Activity) -> bool:
-        """Whether an activity may not begin before this one has ended: they share an agent or a fact."""
-        busy = {agent for task in self.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}
+        """Whether an activity may not begin before this one has ended: they share an agent or a
+        fact.
+        """
+        busy = {
+            agent
+            for task in self.tasks
+            if not task.is_over
+            for agent in task.do.agents
+            if agent.tasks == 1
+        }
         wanted = {agent for do in activity.tasks for agent in do.agents}
         makes, needs = self.activity.makes.keys(), self.activity.needs.keys()
-        facts = (makes & (activity.needs.keys() | activity.makes.keys())) | (needs & activity.makes.keys())
+        facts = (makes & (activity.needs.keys() | activity.makes.keys())) | (
+            needs & activity.makes.keys()
+        )
         return not self.is_over and bool(busy & wanted or facts)

@@ -1,11 +1,12 @@
-"""A machine at work: the statechart says which states are entered and left, and their tasks are started and stopped.
+"""A machine at work: the statechart says which states are entered and left, and their tasks are
+started and stopped.
 
-All happens in one thread, which waits for the tasks that run. Whatever ends that wait (a kill, Ctrl-C, an error) stops
-them all.
+All happens in one thread, which waits for the tasks that run. Whatever ends that wait (a kill,
+Ctrl-C, an error) stops them all.
 
-The machine is a task, too: a command that this process handles, with the machine's structure as data and the active
-states as progress. So it stands in the tree with its tasks under it, can be watched, cancelled and killed, and ends if
-the process dies.
+The machine is a task, too: a command that this process handles, with the machine's structure as
+data and the active states as progress. So it stands in the tree with its tasks under it, can be
+watched, cancelled and killed, and ends if the process dies.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,12 @@ from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
 from tca_behaviours.missions.client.mission import BaseMission, Mission
 from tca_behaviours.missions.client.task_handle import TaskHandle
-from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED, MISSION_TASK_TIMEOUT, Status, TaskEnd
+from tca_behaviours.missions.outcomes import (
+    MISSION_TASK_FAILED,
+    MISSION_TASK_TIMEOUT,
+    Status,
+    TaskEnd,
+)
 from tca_module import Command, Module, Task, TcaError
 from tca_wire.charts import ActiveStates, Ending, MachineChart, StateKind
 
@@ -44,9 +50,13 @@ class MachineEnd(NamedTuple):
 
 
 class MachineRun:
-    """One run of the machine whose states *root* holds; *publish* is told of its active states when they change."""
+    """One run of the machine whose states *root* holds; *publish* is told of its active states when
+    they change.
+    """
 
-    def __init__(self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]) -> None:
+    def __init__(
+        self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]
+    ) -> None:
         self._root = root
         self._mission = mission
         self._publish = publish
@@ -55,13 +65,17 @@ class MachineRun:
         self._stopping: list[TaskHandle] = []
 
     def until_end(self) -> MachineEnd:
-        """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
+        """Run the machine until it has ended. Nothing that it has started runs on, whatever
+        happens.
+        """
         try:
             self._chart.begin()
             text = ""
             while (ending := self._chart.ending) is None:
                 running = [state.label for state in self._running]
-                self._publish(ActiveStates(running, text, [state.number for state in self._chart.active]))
+                self._publish(
+                    ActiveStates(running, text, [state.number for state in self._chart.active])
+                )
                 text = self._step()
             self._wait_for_stopped()
         except BaseException:
@@ -102,7 +116,9 @@ class MachineRun:
         self._stopping.clear()
 
     def _stop_all(self) -> None:
-        with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
+        with suppress(
+            TcaError
+        ):  # without central there is nothing to stop, and it ends them itself
             for task in self._running.values():
                 self._stop(task, f"{self._root!r} is stopped")
             self._wait_for_stopped(_PATIENCE)
@@ -116,7 +132,7 @@ _WORDS: dict[Ending, str] = {
 }
 
 
-# --- as a task -------------------------------------------------------------------------------------------------------
+# --- as a task ------------------------------------------------------------------------------------
 
 
 def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -> TaskEnd:
@@ -147,7 +163,9 @@ def _check_tasks(root: MachineState, mission: BaseMission) -> None:
 
 
 def _told(task: Task, end: MachineEnd) -> TaskEnd:
-    """The result of the machine's own task; one that did not complete fails, as a mission's tasks do."""
+    """The result of the machine's own task; one that did not complete fails, as a mission's tasks
+    do.
+    """
     if end.ending == "failed":
         raise MISSION_TASK_FAILED(text=end.text)
     if end.ending == "timeout":

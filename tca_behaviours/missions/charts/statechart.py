@@ -1,9 +1,13 @@
-"""A machine as a statechart of python-statemachine, whose rules decide which states are entered and left.
+"""A machine as a statechart of python-statemachine, whose rules decide which states are entered and
+left.
 
 - A task is an atomic state. The event ``ended.s3.failed`` leads out of it.
-- A container is a compound state with a final state for each ending. ``done.state.s1`` leads out of it, by the ending.
-- A concurrence is a parallel state. Each state in it stands in a region of its own, so that it can begin again without
-  the others. In *any*, an ending of one leads out of the whole; in *all*, a region's final state waits for the others.
+- A container is a compound state with a final state for each ending. ``done.state.s1`` leads out of
+it, by the ending.
+- A concurrence is a parallel state. Each state in it stands in a region of its own, so that it can
+begin again without
+  the others. In *any*, an ending of one leads out of the whole; in *all*, a region's final state
+  waits for the others.
 """
 
 from collections.abc import Callable
@@ -17,8 +21,8 @@ Told = Callable[[MachineState], object]
 
 
 class Statechart(LibraryChart[MachineState]):
-    """The statechart of one machine. It tells which states it enters and leaves, one after the other, as they are
-    *entered* and *left*.
+    """The statechart of one machine. It tells which states it enters and leaves, one after the
+    other, as they are *entered* and *left*.
     """
 
     def __init__(self, root: MachineState, entered: Told, left: Told) -> None:
@@ -38,36 +42,53 @@ class Statechart(LibraryChart[MachineState]):
         names = self._active_names
         return next((ending for ending in ENDINGS if f"end_{ending}" in names), None)
 
-    # --- its definition --------------------------------------------------------------------------------------------
+    # --- its definition ---------------------------------------------------------------------------
 
     def _defined(self, state: MachineState, *, is_first: bool) -> dict[str, Any]:
         name = self._names[state]
         entered, left = self._told
-        defined: dict[str, Any] = {"initial": is_first, "enter": lambda: entered(state), "exit": lambda: left(state)}
+        defined: dict[str, Any] = {
+            "initial": is_first,
+            "enter": lambda: entered(state),
+            "exit": lambda: left(state),
+        }
         leads = {ending: self._place_after(state, ending) for ending in ENDINGS}
         match state.kind:
             case StateKind.TASK:
-                defined["on"] = {_event(name, ending): [{"target": to}] for ending, to in leads.items()}
+                defined["on"] = {
+                    _event(name, ending): [{"target": to}] for ending, to in leads.items()
+                }
             case StateKind.EPSILON:
                 defined["transitions"] = [{"target": leads["completed"]}]
             case StateKind.ANY | StateKind.ALL:
                 defined["parallel"] = True
-                defined["states"] = {f"{self._names[child]}_region": self._region(child) for child in state.children}
+                defined["states"] = {
+                    f"{self._names[child]}_region": self._region(child) for child in state.children
+                }
                 defined["on"] = {f"done.state.{name}": [{"target": leads["completed"]}]}
             case _:
                 first = state.children[0]
-                inner = {self._names[child]: self._defined(child, is_first=child is first) for child in state.children}
-                defined["states"] = inner | {f"{name}_{ending}": _final(ending) for ending in ENDINGS}
+                inner = {
+                    self._names[child]: self._defined(child, is_first=child is first)
+                    for child in state.children
+                }
+                defined["states"] = inner | {
+                    f"{name}_{ending}": _final(ending) for ending in ENDINGS
+                }
                 ended = [{"target": to, "cond": _has_ended(ending)} for ending, to in leads.items()]
                 defined["on"] = {f"done.state.{name}": ended}
         return defined
 
     def _region(self, branch: MachineState) -> dict[str, Any]:
         name = self._names[branch]
-        return {"states": {name: self._defined(branch, is_first=True), f"{name}_done": {"final": True}}}
+        return {
+            "states": {name: self._defined(branch, is_first=True), f"{name}_done": {"final": True}}
+        }
 
     def _place_after(self, state: MachineState, ending: Ending) -> str:
-        """The name of the state that an ending leads to: another, or the one that ends a container."""
+        """The name of the state that an ending leads to: another, or the one that ends a
+        container.
+        """
         target, parent = state.target(ending), state.parent
         if target is not None:
             return self._names[target]

@@ -1,4 +1,6 @@
-"""A state of a machine, as it is written down: a task, a branching point, or a container of other states."""
+"""A state of a machine, as it is written down: a task, a branching point, or a container of other
+states.
+"""
 
 from collections.abc import Iterator
 from typing import Any, Self, get_args
@@ -37,8 +39,9 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         timeout: "MachineState | str | None" = None,
         interrupted: "MachineState | str | None" = None,
     ) -> Self:
-        """The state, or the label of one, that follows when this one has ended so. Without, a *completed* state of a
-        sequence leads to the next, and any other ending is that of the container.
+        """The state, or the label of one, that follows when this one has ended so. Without, a
+        *completed* state of a sequence leads to the next, and any other ending is that of the
+        container.
         """
         for ending, target in zip(ENDINGS, (completed, failed, timeout, interrupted), strict=True):
             if ending in self.by_event and target is not None:
@@ -51,7 +54,11 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         """The state that follows an ending; None where the ending is passed on to the container."""
         if ending in self.by_event:
             return self.by_event[ending][0].target
-        if ending == "completed" and self.parent is not None and self.parent.kind is StateKind.SEQUENCE:
+        if (
+            ending == "completed"
+            and self.parent is not None
+            and self.parent.kind is StateKind.SEQUENCE
+        ):
             brothers = self.parent.children
             return next(iter(brothers[brothers.index(self) + 1 :]), None)
         return None
@@ -73,7 +80,9 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return replace(super().row(), note="" if is_said else kind, completes=completes)
 
     def ways(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data: those that follow from its place in a sequence, too."""
+        """The transitions that lead out of it, as data: those that follow from its place in a
+        sequence, too.
+        """
         for ending in self.endings:
             if (to := self.target(ending)) is not None:
                 yield ChartArrow(self.number, to.number, "" if ending == "completed" else ending)

@@ -1,4 +1,6 @@
-"""The tasks of one server as a mission knows them: read again when central has told of handlers that came or went."""
+"""The tasks of one server as a mission knows them: read again when central has told of handlers
+that came or went.
+"""
 
 import contextlib
 import time
@@ -32,7 +34,9 @@ class Catalogue:
 
     @property
     def names(self) -> list[str]:
-        """The names of the tasks; in a thread that is not the mission's those that were known last."""
+        """The names of the tasks; in a thread that is not the mission's those that were known
+        last.
+        """
         with contextlib.suppress(MisuseError):
             return list(self.tasks)
         return list(self._known)
@@ -53,21 +57,29 @@ class Catalogue:
         return self._messages[task.message]
 
     def find_server(self, patience: float) -> None:
-        """Wait until the server is there, at most so many seconds. Raises NotOffered, MisuseError if there are several
-        and none was named.
+        """Wait until the server is there, at most so many seconds. Raises NotOffered, MisuseError
+        if there are several and none was named.
         """
         until = time.monotonic() + patience
         while True:
             servers = self._read()
             if not self.server and len(servers) > 1:
-                raise MisuseError(f"there are several servers of tasks: say which, Mission('{servers[0]}'): {servers}")
+                raise MisuseError(
+                    f"there are several servers of tasks: say which, Mission('{servers[0]}'): {servers}"
+                )
             self.server = self.server or "".join(servers)
             if self.server in servers:
                 self._read()
                 return
             if time.monotonic() > until:
-                what = f"server '{self.server}' offers no tasks" if self.server else "no server offers tasks"
-                raise NotOffered(f"{what} after {patience:g} s: {nearest_or_all(self.server, servers, 'there are')}")
+                what = (
+                    f"server '{self.server}' offers no tasks"
+                    if self.server
+                    else "no server offers tasks"
+                )
+                raise NotOffered(
+                    f"{what} after {patience:g} s: {nearest_or_all(self.server, servers, 'there are')}"
+                )
             time.sleep(_LOOK_AGAIN)
 
     def _read(self) -> list[str]:

@@ -10,8 +10,8 @@ from tca_module.errors import TcaError
 
 @runtime_checkable
 class MissionCondition(Protocol):
-    """Whatever can say that it is verified. Asked 20 times a second while the mission waits: it must not wait itself.
-    ``str()`` of it is the text of the exception.
+    """Whatever can say that it is verified. Asked 20 times a second while the mission waits: it
+    must not wait itself. ``str()`` of it is the text of the exception.
     """
 
     def is_verified(self) -> bool:
@@ -20,14 +20,21 @@ class MissionCondition(Protocol):
 
 
 class ConditionIsCompleted:
-    """Verified when a task has completed. A task that ends otherwise ends the wait with its MissionTaskFailed.
+    """Verified when a task has completed. A task that ends otherwise ends the wait with its
+    MissionTaskFailed.
 
-    *ends*: other ends that verify it, too, such as ``[Status.TIMEOUT]``. When the condition is cleared its task is
+    *ends*: other ends that verify it, too, such as ``[Status.TIMEOUT]``. When the condition is
+        cleared its task is
     stopped, unless *stop_on_clear* is False.
     """
 
     def __init__(
-        self, task: TaskHandle, name: str = "", *, ends: Collection[Status] = (), stop_on_clear: bool = True
+        self,
+        task: TaskHandle,
+        name: str = "",
+        *,
+        ends: Collection[Status] = (),
+        stop_on_clear: bool = True,
     ) -> None:
         check_handles(task)
         self.task = task
@@ -39,7 +46,9 @@ class ConditionIsCompleted:
         return self.name
 
     def is_verified(self) -> bool:
-        """Whether the task has completed, as far as the mission has heard. Raises MissionTaskFailed if it can't."""
+        """Whether the task has completed, as far as the mission has heard. Raises MissionTaskFailed
+        if it can't.
+        """
         if not self.task.is_known_over:
             return False
         end = self.task.end
@@ -47,7 +56,9 @@ class ConditionIsCompleted:
 
 
 class ConditionVerified(TcaError):
-    """One or more conditions of a mission came true. They are cleared, and a task in the foreground has ended."""
+    """One or more conditions of a mission came true. They are cleared, and a task in the foreground
+    has ended.
+    """
 
     def __init__(self, conditions: Sequence[MissionCondition]) -> None:
         super().__init__("; ".join(map(str, conditions)))

@@ -1,4 +1,6 @@
-"""Ctrl-C at the wrong moment: a task that has just been sent must be known before the mission is interrupted."""
+"""Ctrl-C at the wrong moment: a task that has just been sent must be known before the mission is
+interrupted.
+"""
 
 import signal
 import threading

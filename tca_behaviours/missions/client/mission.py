@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any, ParamSpec, Self, TypeVar
 
 from tca_behaviours.missions.client.catalogue import Catalogue
-from tca_behaviours.missions.client.conditions import ConditionIsCompleted, ConditionVerified, MissionCondition
+from tca_behaviours.missions.client.conditions import (
+    ConditionIsCompleted,
+    ConditionVerified,
+    MissionCondition,
+)
 from tca_behaviours.missions.client.errors import BadParameter, MissionTaskFailed, NotOffered
 from tca_behaviours.missions.client.interrupts import interrupt_held
 from tca_behaviours.missions.client.mission_goal import MissionGoal
@@ -37,23 +41,35 @@ _CONDITION = checks.instance_of("an object with a method is_verified()", Mission
 
 
 class BaseMission:
-    """What every mission can do, whatever tasks there are. The classes of stub files inherit from it."""
+    """What every mission can do, whatever tasks there are. The classes of stub files inherit from
+    it.
+    """
 
     SERVER = ""  #: the server, where nothing is said
 
     def __init__(
-        self, server: str = "", *, name: str = "", central: CentralAddress = None, patience: float = _PATIENCE,
-        under: Task | None = None, leave_running: bool = False, checkpoint: Path | str | None = None,
-    ) -> None:  # fmt: skip
-        """*server*: whose tasks they are; may be left out where there is only one. *name*: that of the mission, in the
-        tree; by default the program's. *patience*: seconds to wait for the server. *under*: a task, in its handler, to
-        which the mission's tasks belong. *leave_running*: the end of the mission, also a crash, ends none of its tasks.
-        *checkpoint*: the file in which ``step`` notes what was done.
+        self,
+        server: str = "",
+        *,
+        name: str = "",
+        central: CentralAddress = None,
+        patience: float = _PATIENCE,
+        under: Task | None = None,
+        leave_running: bool = False,
+        checkpoint: Path | str | None = None,
+    ) -> None:
+        """*server*: whose tasks they are; may be left out where there is only one. *name*: that of
+        the mission, in the tree; by default the program's. *patience*: seconds to wait for the
+        server. *under*: a task, in its handler, to which the mission's tasks belong.
+        *leave_running*: the end of the mission, also a crash, ends none of its tasks. *checkpoint*:
+        the file in which ``step`` notes what was done.
         """
         self.central = central  #: its address, as it was given
         self._patience = patience
         self._name = name or _name_of_program()
-        self._goal = MissionGoal(self._name, server or self.SERVER, central, under, stays=leave_running)
+        self._goal = MissionGoal(
+            self._name, server or self.SERVER, central, under, stays=leave_running
+        )
         self._catalogue = Catalogue(server or self.SERVER, self._goal)
         check("Mission", _CHECKPOINT, checkpoint=checkpoint)
         self._checkpoint = Path(checkpoint) if checkpoint is not None else None
@@ -65,7 +81,9 @@ class BaseMission:
         self._running: dict[int, TaskHandle] = {}
         self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
         self._conditions: list[MissionCondition] = []
-        self._interruption: ConditionVerified | MissionTaskFailed | None = None  # with it conditions end a wait
+        self._interruption: ConditionVerified | MissionTaskFailed | None = (
+            None  # with it conditions end a wait
+        )
 
     def __enter__(self) -> Self:
         return self.open()
@@ -74,7 +92,9 @@ class BaseMission:
         self.close(error)
 
     def open(self) -> Self:
-        """Join central and find the server. Raises CentralLost, or NotOffered if the server does not come."""
+        """Join central and find the server. Raises CentralLost, or NotOffered if the server does
+        not come.
+        """
         if self._is_open:
             raise MisuseError("this mission is open already")
         if self._checkpoint is not None:
@@ -89,7 +109,9 @@ class BaseMission:
         return self
 
     def close(self, error: BaseException | None = None) -> None:
-        """Stop what still runs, and leave; twice does no harm. With an *error* the mission counts as failed."""
+        """Stop what still runs, and leave; twice does no harm. With an *error* the mission counts
+        as failed.
+        """
         if not self._is_open:
             return
         self._is_open = False
@@ -104,7 +126,7 @@ class BaseMission:
                 self._steps.close(is_finished=error is None)
             self._goal.close(error, waits=not self._stopping.hung)
 
-    # --- what there is ---------------------------------------------------------------------------------------------
+    # --- what there is ----------------------------------------------------------------------------
 
     @property
     def name(self) -> str:
@@ -133,25 +155,35 @@ class BaseMission:
 
     def _check_open(self) -> None:
         if not self._is_open:
-            raise MisuseError("the mission is not open: use it inside 'with Mission(...) as mission:'")
+            raise MisuseError(
+                "the mission is not open: use it inside 'with Mission(...) as mission:'"
+            )
 
-    # --- starting --------------------------------------------------------------------------------------------------
+    # --- starting ---------------------------------------------------------------------------------
 
     def check(self, name: str, /, **parameters: Any) -> None:
-        """Raise what a call of the task with these parameters would raise at once: UnknownTask or BadParameter."""
+        """Raise what a call of the task with these parameters would raise at once: UnknownTask or
+        BadParameter.
+        """
         self._task(name).fitted(parameters)
 
     def start(self, name: str, /, **parameters: Any) -> TaskHandle:
-        """Start a task by name, and don't wait for it, whether it runs in the foreground or in the background."""
+        """Start a task by name, and don't wait for it, whether it runs in the foreground or in the
+        background.
+        """
         return self._start(self._task(name), parameters)
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
-        handle = self.start_command(self._catalogue.message(task), task.fitted(parameters), task.name)
+        handle = self.start_command(
+            self._catalogue.message(task), task.fitted(parameters), task.name
+        )
         handle.parameters = parameters
         return handle
 
     def start_command(self, command: Command[D, TaskEnd], data: D, name: str) -> TaskHandle:
-        """Start a command as a task of the mission called *name*, also one that is no task of its server."""
+        """Start a command as a task of the mission called *name*, also one that is no task of its
+        server.
+        """
         self._check_open()
         self._goal.check()
         if self._conditions:
@@ -162,7 +194,9 @@ class BaseMission:
         with below.parallel():  # the tasks of a mission have no order but that of its program
             sent = below.execute_if_handled(command, data)
         if sent is None:
-            raise NotOffered(f"nobody offers {command.name} any more: start its server, see 'tca messages'")
+            raise NotOffered(
+                f"nobody offers {command.name} any more: start its server, see 'tca messages'"
+            )
         handle = TaskHandle(name, sent, self._forget)
         self._running[handle.id] = handle
         if self._steps is not None:
@@ -170,7 +204,9 @@ class BaseMission:
         return handle
 
     def run(self, name: str, /, **parameters: Any) -> Any:
-        """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``."""
+        """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is
+        ``mission.GoTo(goal_x=1.0)``.
+        """
         task, handle = self._task(name), None
         try:
             with interrupt_held():
@@ -184,14 +220,16 @@ class BaseMission:
         return self.finish(handle)
 
     def finish(self, task: TaskHandle) -> TaskEnd:
-        """Wait for the end of a task, and stop it if that is interrupted. Raises MissionTaskFailed if it did not
-        complete.
+        """Wait for the end of a task, and stop it if that is interrupted. Raises MissionTaskFailed
+        if it did not complete.
         """
         self._finish(task)
         return task.result()
 
     def _finish(self, task: TaskHandle) -> None:
-        """Wait for the end of a task in the foreground; one that is not waited for any more must not go on."""
+        """Wait for the end of a task in the foreground; one that is not waited for any more must
+        not go on.
+        """
         try:
             self._wait([task], None, in_foreground=[task])
         except CentralLost:
@@ -200,15 +238,21 @@ class BaseMission:
             self._stopping.stop_after(error, [task], "the mission was interrupted")
             raise
 
-    # --- waiting ---------------------------------------------------------------------------------------------------
+    # --- waiting ----------------------------------------------------------------------------------
 
     def wait_for_task(self, task: TaskHandle, timeout: float | None = None) -> TaskEnd:
-        """Wait until a task has ended; its end. Raises MissionTaskFailed if it did not complete, Timeout."""
+        """Wait until a task has ended; its end. Raises MissionTaskFailed if it did not complete,
+        Timeout.
+        """
         self.wait_for_any_task([task], timeout)
         return task.result()
 
-    def wait_for_any_task(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> TaskHandle:
-        """Wait until one of the tasks has ended; that one. Raises MissionTaskFailed if it did not complete, Timeout."""
+    def wait_for_any_task(
+        self, tasks: Sequence[TaskHandle], timeout: float | None = None
+    ) -> TaskHandle:
+        """Wait until one of the tasks has ended; that one. Raises MissionTaskFailed if it did not
+        complete, Timeout.
+        """
         ended = self.first_ended(tasks, timeout)
         if not ended:
             names = ", ".join(map(str, tasks))
@@ -216,20 +260,26 @@ class BaseMission:
         ended[0].result()
         return ended[0]
 
-    def wait_for_all_tasks(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> list[TaskEnd]:
-        """Wait until all of the tasks have ended; their ends. Raises MissionTaskFailed as soon as one did not complete,
-        Timeout.
+    def wait_for_all_tasks(
+        self, tasks: Sequence[TaskHandle], timeout: float | None = None
+    ) -> list[TaskEnd]:
+        """Wait until all of the tasks have ended; their ends. Raises MissionTaskFailed as soon as
+        one did not complete, Timeout.
         """
         until = None if timeout is None else time.monotonic() + timeout
         left = list(tasks)
         while left:
-            ended = self.wait_for_any_task(left, None if until is None else max(0.0, until - time.monotonic()))
+            ended = self.wait_for_any_task(
+                left, None if until is None else max(0.0, until - time.monotonic())
+            )
             left.remove(ended)
         return [task.result() for task in tasks]
 
-    def first_ended(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> list[TaskHandle]:
-        """Wait until at least one of the tasks has ended; those that have. [] after *timeout* seconds. It doesn't raise
-        for a task that failed: see ``end`` of each.
+    def first_ended(
+        self, tasks: Sequence[TaskHandle], timeout: float | None = None
+    ) -> list[TaskHandle]:
+        """Wait until at least one of the tasks has ended; those that have. [] after *timeout*
+        seconds. It doesn't raise for a task that failed: see ``end`` of each.
         """
         self._check_open()
         check("the wait for tasks", checks.TIMEOUT, timeout=timeout)
@@ -239,10 +289,14 @@ class BaseMission:
         return self._wait(tasks, timeout)
 
     def _wait(
-        self, tasks: Sequence[TaskHandle], timeout: float | None, *, in_foreground: Sequence[TaskHandle] = ()
+        self,
+        tasks: Sequence[TaskHandle],
+        timeout: float | None,
+        *,
+        in_foreground: Sequence[TaskHandle] = (),
     ) -> list[TaskHandle]:
-        """Wait until one of the tasks has ended, or something ends the wait: a condition, the loss of the server, a
-        kill of the mission.
+        """Wait until one of the tasks has ended, or something ends the wait: a condition, the loss
+        of the server, a kill of the mission.
         """
         until = None if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
@@ -256,11 +310,16 @@ class BaseMission:
         return ended
 
     def _hear(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
-        """Wait until something has happened that may end a wait for *tasks*; False if nothing has in time."""
+        """Wait until something has happened that may end a wait for *tasks*; False if nothing has
+        in time.
+        """
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
         is_certain = not self._conditions and timeout >= LOOKS_EVERY
         ended = first_ended(
-            list(awaited), timeout, lambda: self._is_verified() or self._lost(tasks), brief=not is_certain
+            list(awaited),
+            timeout,
+            lambda: self._is_verified() or self._lost(tasks),
+            brief=not is_certain,
         )
         for sent in ended:
             awaited[sent].note_end()  # type: ignore[index]  # one of those
@@ -275,20 +334,27 @@ class BaseMission:
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
         """The tasks whose message nobody handles any more, as central has said just now."""
         changes, lost = self._goal.changes, self._goal.lost
-        gone = [task for task in tasks if task.sent.message in lost and not task.is_known_over] if lost else []
+        gone = (
+            [task for task in tasks if task.sent.message in lost and not task.is_known_over]
+            if lost
+            else []
+        )
         return [task for task in gone if self._looked_at.get(task.id) != changes]
 
     def _waits_in_vain(self, task: TaskHandle) -> bool:
-        """Whether a task that nobody offers any more had not begun. Else it is about to fail: its server was lost."""
+        """Whether a task that nobody offers any more had not begun. Else it is about to fail: its
+        server was lost.
+        """
         self._looked_at[task.id] = self._goal.changes
         info = task.sent.info()
         return info is not None and not (info.module or info.failure)
 
-    # --- changing --------------------------------------------------------------------------------------------------
+    # --- changing ---------------------------------------------------------------------------------
 
     def update_task(self, task: TaskHandle, /, **parameters: Any) -> None:
-        """Change parameters of a task that runs; those that are not named stay as they are. Raises BadParameter before
-        anything is sent, and Rejected, with the reason, if the task goes on as it was or has ended.
+        """Change parameters of a task that runs; those that are not named stay as they are. Raises
+        BadParameter before anything is sent, and Rejected, with the reason, if the task goes on as
+        it was or has ended.
         """
         check_handles(task)
         offered, info = self._task(task.name), task.sent.info()
@@ -297,7 +363,7 @@ class BaseMission:
         task.sent.update(offered.fitted({**required, **parameters}), timeout=_UPDATED_WITHIN)
         task.parameters = {**task.parameters, **parameters}
 
-    # --- stopping --------------------------------------------------------------------------------------------------
+    # --- stopping ---------------------------------------------------------------------------------
 
     def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
         """Stop a task, and wait until it has left things safe. One that has ended is left alone."""
@@ -314,23 +380,33 @@ class BaseMission:
         if self._running.pop(task.id, None) is not None:
             self.ended.append(task)
 
-    # --- steps -----------------------------------------------------------------------------------------------------
+    # --- steps ------------------------------------------------------------------------------------
 
-    def step(self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs) -> T:
-        """Call *function*, unless the step *name* was completed by an earlier run of this program: then give its value.
+    def step(
+        self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
+    ) -> T:
+        """Call *function*, unless the step *name* was completed by an earlier run of this program:
+        then give its value.
 
         ::
 
             mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
 
-        Values must be plain data. A step that was under way when the program died raises StepUncertain, unless it was
-        one task that completed. The steps of a mission that has come to its end are forgotten.
+        Values must be plain data. A step that was under way when the program died raises
+        StepUncertain, unless it was one task that completed. The steps of a mission that has come
+        to its end are forgotten.
         """
-        return self._opened_steps().run(name, function, lambda: function(*args, **parameters), again=False)
+        return self._opened_steps().run(
+            name, function, lambda: function(*args, **parameters), again=False
+        )
 
-    def repeatable_step(self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs) -> T:
+    def repeatable_step(
+        self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
+    ) -> T:
         """As ``step``, but one that was under way when the program died is done again."""
-        return self._opened_steps().run(name, function, lambda: function(*args, **parameters), again=True)
+        return self._opened_steps().run(
+            name, function, lambda: function(*args, **parameters), again=True
+        )
 
     def skip_step(self, name: str) -> None:
         """Take a step as completed, with the value None."""
@@ -348,32 +424,40 @@ class BaseMission:
         if offered is None:
             return None
         try:
-            sent = self._goal.sender.sent_task(self._catalogue.message(offered), task.id, task.epoch)
+            sent = self._goal.sender.sent_task(
+                self._catalogue.message(offered), task.id, task.epoch
+            )
             handle = TaskHandle(task.name, sent, self._forget)
             handle.end  # noqa: B018 - is it known?
         except (CentralLost, Refused):
             return None
         return handle
 
-    # --- conditions ------------------------------------------------------------------------------------------------
+    # --- conditions -------------------------------------------------------------------------------
 
     def add_condition(self, condition: MissionCondition) -> None:
-        """From now on *condition* interrupts whatever the mission waits for, with ConditionVerified. One whose task did
-        not complete interrupts with MissionTaskFailed.
+        """From now on *condition* interrupts whatever the mission waits for, with
+        ConditionVerified. One whose task did not complete interrupts with MissionTaskFailed.
         """
         check("add_condition()", _CONDITION, condition=condition)
         self._conditions.append(condition)
 
     def clear_conditions(self) -> None:
-        """No condition interrupts the mission any more. The tasks of those with ``stop_on_clear`` are stopped; it waits
-        until they have left things safe. Raises Timeout.
+        """No condition interrupts the mission any more. The tasks of those with ``stop_on_clear``
+        are stopped; it waits until they have left things safe. Raises Timeout.
         """
-        cleared = [one for one in self._conditions if isinstance(one, ConditionIsCompleted) and one.stop_on_clear]
+        cleared = [
+            one
+            for one in self._conditions
+            if isinstance(one, ConditionIsCompleted) and one.stop_on_clear
+        ]
         self._conditions.clear()
         self._stopping.stop([one.task for one in cleared], "its condition was cleared")
 
     def _is_verified(self) -> bool:
-        """Whether a condition ends the wait now: it is verified, or never will be, since its task has failed."""
+        """Whether a condition ends the wait now: it is verified, or never will be, since its task
+        has failed.
+        """
         try:
             verified = [condition for condition in self._conditions if condition.is_verified()]
             self._interruption = ConditionVerified(verified) if verified else None
@@ -387,7 +471,9 @@ class BaseMission:
         interruption, self._interruption = self._interruption, None
         if interruption is None:
             return
-        for task in in_foreground:  # it stops together with the tasks of the conditions, not after them
+        for (
+            task
+        ) in in_foreground:  # it stops together with the tasks of the conditions, not after them
             task.stop("the mission was interrupted")
         self.clear_conditions()
         raise interruption
@@ -401,9 +487,9 @@ class Mission(BaseMission):
         with Mission("turtle") as mission:
             mission.GoTo(goal_x=1.0, goal_y=1.0)
 
-    Each call runs its task to the end and returns its TaskEnd, or raises MissionTaskFailed; with ``foreground=False``
-    it returns a TaskHandle at once. What still runs at the end of the block is stopped, and so it is when the process
-    dies. For one thread.
+    Each call runs its task to the end and returns its TaskEnd, or raises MissionTaskFailed; with
+    ``foreground=False`` it returns a TaskHandle at once. What still runs at the end of the block is
+    stopped, and so it is when the process dies. For one thread.
     """
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -420,7 +506,9 @@ class Mission(BaseMission):
         def function(*values: Any, **parameters: Any) -> Any:
             if values:
                 names = ", ".join(f"{one.name}=..." for one in task.parameters[: len(values)])
-                raise BadParameter(f"{task.name}() takes its parameters by name: {task.name}({names})")
+                raise BadParameter(
+                    f"{task.name}() takes its parameters by name: {task.name}({names})"
+                )
             return self.run(task.name, **parameters)
 
         function.__name__ = function.__qualname__ = task.name

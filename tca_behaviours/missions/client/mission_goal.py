@@ -1,4 +1,6 @@
-"""The goal under which the tasks of a mission stand. With it they end, whatever becomes of the mission's process."""
+"""The goal under which the tasks of a mission stand. With it they end, whatever becomes of the
+mission's process.
+"""
 
 import contextlib
 import itertools
@@ -64,13 +66,16 @@ def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
 class MissionGoal:
     """A module of the mission's own, and a goal that it handles until the mission ends.
 
-    When the process dies the goal fails with "module lost", and central kills what is under it. A task that fails is
-    killed here, and so stays *failed*: the mission gets that as an exception, and decides what comes next.
+    When the process dies the goal fails with "module lost", and central kills what is under it. A
+    task that fails is killed here, and so stays *failed*: the mission gets that as an exception,
+    and decides what comes next.
     """
 
-    def __init__(self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool) -> None:
-        """*under*: the tasks belong to that task, and need no goal of their own. *stays*: nor do those that are to go
-        on when the mission has ended.
+    def __init__(
+        self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool
+    ) -> None:
+        """*under*: the tasks belong to that task, and need no goal of their own. *stays*: nor do
+        those that are to go on when the mission has ended.
         """
         self._title = f"mission {name}"
         self._central = central
@@ -90,7 +95,9 @@ class MissionGoal:
             self._open(f"{self._title} {os.getpid()}.{next(_numbers)}")
 
     def _open(self, name: str) -> None:
-        """Join as a mission of that name. Raises _NameTakenError if another mission has it, or takes it as well."""
+        """Join as a mission of that name. Raises _NameTakenError if another mission has it, or
+        takes it as well.
+        """
         self._module = module = Module(name, self._central)
         begun: list[_Begun] = []  # of this attempt only: the next one's goal is another
         goal, deal = Goal(name, MissionInfo), ExceptionHandler(f"{name}: failure")
@@ -106,7 +113,9 @@ class MissionGoal:
             return mine[1]
 
         module.at_start(check_name)
-        module.resource("goals", capacity=2)  # a second goal is refused, where it would wait for the end of this one
+        module.resource(
+            "goals", capacity=2
+        )  # a second goal is refused, where it would wait for the end of this one
         module.handles(goal, resource="goals")(begin)
         module.handles(deal, resource="failures")(self._deal_with)
         module.handles(HANDLERS_CHANGED, resource="failures")(self._note_handlers)
@@ -119,13 +128,17 @@ class MissionGoal:
                 stack.enter_context(module.parallel())  # no task of it waits for the one before
             else:
                 info = MissionInfo(self._server)
-                self._top = top = module.goal(goal, info, sequential=False, on_failure=[Recovery(None, deal)])
+                self._top = top = module.goal(
+                    goal, info, sequential=False, on_failure=[Recovery(None, deal)]
+                )
                 self._owed = _wait_for_begin(top, begun)
             self._stack = stack.pop_all()
 
     @property
     def name(self) -> str:
-        """The name by which central knows the mission, without "mission": no other mission has it now."""
+        """The name by which central knows the mission, without "mission": no other mission has it
+        now.
+        """
         return self._module.name.removeprefix("mission ")
 
     @property
@@ -138,8 +151,8 @@ class MissionGoal:
         return self.sender.under(self._top) if self._top is not None else self.sender
 
     def check(self, *, ask: bool = False) -> None:
-        """Raise TaskKilled if somebody has killed the goal, which ends the mission. *ask*: this thread may hear of a
-        task's end before another one hears of the goal's; so ask central.
+        """Raise TaskKilled if somebody has killed the goal, which ends the mission. *ask*: this
+        thread may hear of a task's end before another one hears of the goal's; so ask central.
         """
         if self._owed is None or self._top is None or not (ask or self._owed.cancelled):
             return
@@ -148,8 +161,8 @@ class MissionGoal:
             raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
 
     def close(self, error: BaseException | None, *, waits: bool = True) -> None:
-        """End the goal, as done or, with the exception that has ended the mission, as failed; and leave central. It
-        *waits* for the end, unless something below is known not to end.
+        """End the goal, as done or, with the exception that has ended the mission, as failed; and
+        leave central. It *waits* for the end, unless something below is known not to end.
         """
         with self._stack:
             if self._owed is None or self._top is None or isinstance(error, CentralLost):
@@ -165,14 +178,17 @@ class MissionGoal:
             with contextlib.suppress(TcaError):
                 self._top.wait(_ENDS_WITHIN if waits else 0.0)
 
-    # --- handlers: they run in threads of the module ------------------------------------------------------------------
+    # --- handlers: they run in threads of the module ----------------------------------------------
 
     def _deal_with(self, task: Task) -> None:
-        """A task of the mission, or one under it, has failed: that ends the mission's task, but not the mission."""
+        """A task of the mission, or one under it, has failed: that ends the mission's task, but not
+        the mission.
+        """
         trouble, failing, top = task.trouble, task.trouble.failing, self._top
         if top is None or failing.id == top.id:
             raise trouble.reissue()
-        # Killed and not resolved, because a task that is killed after a failure counts as failed everywhere.
+        # Killed and not resolved, because a task that is killed after a failure counts as failed
+        # everywhere.
         failing.kill("it has failed, and the mission continues")
         above = list(itertools.takewhile(lambda one: one.id != top.id, failing.ancestors()))
         if above:  # the mission's task is to it as a top-level task is to central

@@ -1,4 +1,6 @@
-"""The tasks that servers offer, as central knows them: found by the mark in the format of their data."""
+"""The tasks that servers offer, as central knows them: found by the mark in the format of their
+data.
+"""
 
 import inspect
 import json
@@ -17,8 +19,19 @@ from tca_wire.messages.formats import MISSION_TASK
 from tca_wire.text.nearest import nearest_or_all
 from tca_wire.text.plain_data import FieldMisfit, PlainFormat
 
-_TYPES: dict[str, Any] = {"number": float, "integer": int, "boolean": bool, "string": str, "null": None}
-_BOUNDS = {"minimum": ">= {}", "exclusiveMinimum": "> {}", "maximum": "<= {}", "exclusiveMaximum": "< {}"}
+_TYPES: dict[str, Any] = {
+    "number": float,
+    "integer": int,
+    "boolean": bool,
+    "string": str,
+    "null": None,
+}
+_BOUNDS = {
+    "minimum": ">= {}",
+    "exclusiveMinimum": "> {}",
+    "maximum": "<= {}",
+    "exclusiveMaximum": "< {}",
+}
 
 
 class _Mark(msgspec.Struct, frozen=True):
@@ -32,12 +45,21 @@ class _Mark(msgspec.Struct, frozen=True):
 class TaskParameter:
     """One parameter of an offered task."""
 
-    def __init__(self, name: str, schema: Mapping[str, Any], definitions: Mapping[str, Any], *, required: bool) -> None:
+    def __init__(
+        self,
+        name: str,
+        schema: Mapping[str, Any],
+        definitions: Mapping[str, Any],
+        *,
+        required: bool,
+    ) -> None:
         self.name = name
         self.type = _type_of(schema, definitions)
         self.default = inspect.Parameter.empty if required else schema.get("default")
         self.description = str(schema.get("description", ""))
-        self.bounds = ", ".join(words.format(schema[key]) for key, words in _BOUNDS.items() if key in schema)
+        self.bounds = ", ".join(
+            words.format(schema[key]) for key, words in _BOUNDS.items() if key in schema
+        )
 
     @property
     def in_words(self) -> str:
@@ -80,7 +102,10 @@ class OfferedTask:
         kind = inspect.Parameter.KEYWORD_ONLY
         named = [one for one in self.parameters if is_name(one.name)]
         return inspect.Signature(
-            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in named],
+            [
+                inspect.Parameter(one.name, kind, default=one.default, annotation=one.type)
+                for one in named
+            ],
             return_annotation=TaskEnd,
         )
 
@@ -88,7 +113,11 @@ class OfferedTask:
     def in_words(self) -> str:
         """Its help and its parameters, a line each."""
         return "\n".join(
-            [self.help or f"Task {self.name} of {self.server}.", "", *(p.in_words for p in self.parameters)]
+            [
+                self.help or f"Task {self.name} of {self.server}.",
+                "",
+                *(p.in_words for p in self.parameters),
+            ]
         )
 
     def fitted(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -96,7 +125,9 @@ class OfferedTask:
         known = [one.name for one in self.parameters]
         for name in parameters:
             if name not in known:
-                raise BadParameter(f"{self.name}() has no parameter '{name}': {nearest_or_all(name, known, 'it has')}")
+                raise BadParameter(
+                    f"{self.name}() has no parameter '{name}': {nearest_or_all(name, known, 'it has')}"
+                )
         try:
             plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_plain)
             for name, value in plain.items():
@@ -128,7 +159,9 @@ def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
 
 
 def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any]:
-    return definitions.get(str(schema["$ref"]).rpartition("/")[2], {}) if "$ref" in schema else schema
+    return (
+        definitions.get(str(schema["$ref"]).rpartition("/")[2], {}) if "$ref" in schema else schema
+    )
 
 
 def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: int = 0) -> Any:

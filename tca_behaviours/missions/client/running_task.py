@@ -22,12 +22,16 @@ class RunningTask(msgspec.Struct, frozen=True):
 
     def __str__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
-        return f"{self.name}({given}) {{{self.id}}} {self.state}" + (f": {self.text}" if self.text else "")
+        return f"{self.name}({given}) {{{self.id}}} {self.state}" + (
+            f": {self.text}" if self.text else ""
+        )
 
 
 def running_tasks(sender: Sender, server: str) -> list[RunningTask]:
     """The tasks of a server that have not ended, oldest first."""
-    found = [_running(ref, server) for ref in sender.tasks() if ref.message.startswith(f"{server}.")]
+    found = [
+        _running(ref, server) for ref in sender.tasks() if ref.message.startswith(f"{server}.")
+    ]
     return sorted((task for task in found if task is not None), key=lambda task: task.id)
 
 
@@ -37,9 +41,12 @@ def _running(ref: TaskRef, server: str) -> RunningTask | None:
         return None
     state = "suspended" if info.suspended else "runs" if info.module else "waits"
     return RunningTask(
-        info.id, ref.message.removeprefix(f"{server}."), "is being stopped" if info.killed else state,
-        given_parameters(info), _newest_text(ref),
-    )  # fmt: skip
+        info.id,
+        ref.message.removeprefix(f"{server}."),
+        "is being stopped" if info.killed else state,
+        given_parameters(info),
+        _newest_text(ref),
+    )
 
 
 def given_parameters(info: TaskInfo) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""The file in which a mission notes its steps: a line of JSON each, on the disk before the mission goes on."""
+"""The file in which a mission notes its steps: a line of JSON each, on the disk before the mission
+goes on.
+"""
 
 import contextlib
 import fcntl
@@ -26,9 +28,11 @@ class TaskBegun(msgspec.Struct, frozen=True):
 
 
 class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A line: a step has begun, has started a task, is done with a value, or was left by an exception.
+    """A line: a step has begun, has started a task, is done with a value, or was left by an
+    exception.
 
-    The value is msgpack, since JSON has no NaN, no bytes and no keys but texts. The end of a task stays legible.
+    The value is msgpack, since JSON has no NaN, no bytes and no keys but texts. The end of a task
+    stays legible.
     """
 
     step: str
@@ -52,7 +56,9 @@ class StepFile:
     """The lines of an open file. One process at a time has it."""
 
     def __init__(self, path: Path, mission: str) -> None:
-        """Open or make it. Raises MisuseError if it is none, is damaged, or belongs to another mission or process."""
+        """Open or make it. Raises MisuseError if it is none, is damaged, or belongs to another
+        mission or process.
+        """
         self._path = path
         self.lines: list[StepLine] = []  #: those that were there already
         try:
@@ -73,7 +79,9 @@ class StepFile:
         self.lines.append(line)
 
     def close(self, *, is_finished: bool) -> None:
-        """Let go of it; that of a mission that *is finished* is removed: the next one begins anew."""
+        """Let go of it; that of a mission that *is finished* is removed: the next one begins
+        anew.
+        """
         if is_finished:
             with contextlib.suppress(FileNotFoundError):
                 self._path.unlink()
@@ -83,7 +91,9 @@ class StepFile:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise MisuseError(f"{self._path} is in use by another mission that runs: give each its own file") from None
+            raise MisuseError(
+                f"{self._path} is in use by another mission that runs: give each its own file"
+            ) from None
 
     def _read(self, mission: str) -> None:
         text = self._path.read_bytes()
@@ -100,18 +110,28 @@ class StepFile:
             except msgspec.DecodeError as error:
                 if number < len(whole):
                     what = f"line {number} of {self._path} is damaged ({error})"
-                    raise MisuseError(f"{what}: mend it, or remove the file and begin anew") from None
+                    raise MisuseError(
+                        f"{what}: mend it, or remove the file and begin anew"
+                    ) from None
                 torn = line + b"\n"
-        os.ftruncate(self._file, len(text) - len(torn))  # the process died while it wrote the last line
+        os.ftruncate(
+            self._file, len(text) - len(torn)
+        )  # the process died while it wrote the last line
 
     def _check_head(self, line: bytes, mission: str) -> None:
         try:
             head = msgspec.json.decode(line, type=_Head)
         except msgspec.DecodeError:
-            raise MisuseError(f"{self._path} holds no steps of a mission: give another file") from None
+            raise MisuseError(
+                f"{self._path} holds no steps of a mission: give another file"
+            ) from None
         if head.steps_of != mission or head.version != _VERSION:
-            whose = f"'{head.steps_of}'" + (f", in format {head.version}" if head.version != _VERSION else "")
-            raise MisuseError(f"{self._path} holds the steps of mission {whose}, not of '{mission}': give another file")
+            whose = f"'{head.steps_of}'" + (
+                f", in format {head.version}" if head.version != _VERSION else ""
+            )
+            raise MisuseError(
+                f"{self._path} holds the steps of mission {whose}, not of '{mission}': give another file"
+            )
 
     def _write(self, line: StepLine | _Head) -> None:
         data = msgspec.json.encode(line) + b"\n"

@@ -1,4 +1,6 @@
-"""The steps of a mission: what was completed is not done again when the mission's program is started anew."""
+"""The steps of a mission: what was completed is not done again when the mission's program is
+started anew.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,11 +23,14 @@ class Steps:
     """What is known of the steps of a mission: from its file, and from now on."""
 
     def __init__(
-        self, path: Path, mission: str, find: Callable[[TaskBegun], TaskHandle | None],
+        self,
+        path: Path,
+        mission: str,
+        find: Callable[[TaskBegun], TaskHandle | None],
         finish: Callable[[TaskHandle], object],
-    ) -> None:  # fmt: skip
-        """*find*: the task of an earlier run of the program; None if central has forgotten it. *finish*: waits for its
-        end.
+    ) -> None:
+        """*find*: the task of an earlier run of the program; None if central has forgotten it.
+        *finish*: waits for its end.
         """
         self._file = StepFile(path, mission)
         self._find, self._finish = find, finish
@@ -51,13 +56,17 @@ class Steps:
         check("a step", TEXT, name=name)
         self._note(StepLine(name, "done"))
 
-    def run(self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool) -> T:
+    def run(
+        self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool
+    ) -> T:
         """Do a step by a *call* of the function, unless it was done before: then give its value."""
         check("a step", TEXT, name=name)
         last = self._last.get(name)
         if name in self._began_here and last is not None and last.is_ != "left":
             advice = f"give each step its own name, such as f'{name} {{number}}'"
-            raise MisuseError(f"step '{name}' was {last.is_} by this run of the program already: {advice}")
+            raise MisuseError(
+                f"step '{name}' was {last.is_} by this run of the program already: {advice}"
+            )
         if last is not None and last.is_ == "done":
             return _value(last, function)
         if last is not None and last.is_ == "begun":
@@ -68,8 +77,8 @@ class Steps:
         return self._do(name, function, call)
 
     def _look_into(self, name: str, *, is_task: bool, again: bool) -> TaskEnd | None:
-        """What became of a step that was under way when the program died: the end of the one task that it was; None if
-        it is to be done *again*. Raises StepUncertain.
+        """What became of a step that was under way when the program died: the end of the one task
+        that it was; None if it is to be done *again*. Raises StepUncertain.
         """
         tasks = self._tasks.get(name, [])
         found = [self._find(task) for task in tasks]
@@ -82,7 +91,9 @@ class Steps:
                 return end
         if again:
             return None
-        raise StepUncertain(name, [(str(task), _fate(handle)) for task, handle in zip(tasks, found, strict=True)])
+        raise StepUncertain(
+            name, [(str(task), _fate(handle)) for task, handle in zip(tasks, found, strict=True)]
+        )
 
     def _do(self, name: str, function: Callable[..., T], call: Callable[[], T]) -> T:
         self._began_here.add(name)
@@ -122,13 +133,17 @@ def _fate(task: TaskHandle | None) -> str:
 
 
 def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
-    """The line of a step that is done. Raises MisuseError if its value would come back as another one."""
+    """The line of a step that is done. Raises MisuseError if its value would come back as another
+    one.
+    """
     if isinstance(value, TaskEnd):
         return StepLine(name, "done", end=value)
     try:
         line = StepLine(name, "done", value=msgspec.msgpack.encode(value))
         kept = _value(line, function)
-        is_same = kept == value or repr(kept) == repr(value)  # NaN is equal to nothing, but has one name
+        is_same = kept == value or repr(kept) == repr(
+            value
+        )  # NaN is equal to nothing, but has one name
         why = "" if is_same else f"{value!r:.60} would come back as {kept!r:.60}"
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         why = f"{error}"
@@ -139,11 +154,15 @@ def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
 
 
 def _value(line: StepLine, function: Callable[..., T]) -> T:
-    """The value of a step that is done, as its function declares it: the same now and when the mission is resumed."""
+    """The value of a step that is done, as its function declares it: the same now and when the
+    mission is resumed.
+    """
     value: Any = line.end
     if line.value is not None:
         try:
-            value = msgspec.msgpack.decode(line.value, type=get_type_hints(function).get("return", Any))
+            value = msgspec.msgpack.decode(
+                line.value, type=get_type_hints(function).get("return", Any)
+            )
         except (NameError, TypeError, msgspec.ValidationError):
             value = msgspec.msgpack.decode(line.value)
     typed: T = value

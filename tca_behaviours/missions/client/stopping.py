@@ -30,8 +30,8 @@ class Stopping:
             raise Timeout(f"{_names(left)} did not end within {_STOPS_WITHIN:g} s of being stopped")
 
     def stop_after(self, error: BaseException, tasks: Sequence[TaskHandle], why: str) -> None:
-        """Stop tasks because of *error*, which the mission raises then. After Ctrl-C another one ends the wait; that a
-        task does not end is no error then, but a line of the log.
+        """Stop tasks because of *error*, which the mission raises then. After Ctrl-C another one
+        ends the wait; that a task does not end is no error then, but a line of the log.
         """
         if not isinstance(error, KeyboardInterrupt):
             self.stop(tasks, why)
@@ -45,7 +45,9 @@ class Stopping:
             self._log.warning("%s", late)
 
     def end(self, tasks: Sequence[TaskHandle], why: str) -> None:
-        """Stop all that runs: the mission has ended. What was waited for in vain is not waited for again."""
+        """Stop all that runs: the mission has ended. What was waited for in vain is not waited for
+        again.
+        """
         try:
             if self.hung:
                 for task in tasks:
@@ -57,7 +59,10 @@ class Stopping:
             raise
         finally:
             if self.hung and (left := _not_over(tasks)):
-                self._log.warning("the mission ends, and does not wait any more for %s: still running", _names(left))
+                self._log.warning(
+                    "the mission ends, and does not wait any more for %s: still running",
+                    _names(left),
+                )
 
     def look(self, tasks: Sequence[TaskHandle]) -> None:
         """Say of tasks that the mission waits for that they are to end, and do not."""

@@ -50,22 +50,34 @@ def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
     """The text of the file: a subclass of Mission with a typed method for each task."""
     parts = [
         _HEAD.format(
-            title=_in_docstring(server.replace("\n", " ")), server=server, made_by=MADE_BY, name=class_name(server)
+            title=_in_docstring(server.replace("\n", " ")),
+            server=server,
+            made_by=MADE_BY,
+            name=class_name(server),
         )
     ]
-    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if is_name(task.name)]
+    parts += [
+        _method(task) for task in sorted(tasks, key=lambda task: task.name) if is_name(task.name)
+    ]
     return "".join(parts if len(parts) > 1 else [*parts, "        pass\n"])
 
 
 def _in_docstring(text: str) -> str:
     """A text as it can stand between three quotes."""
-    text = text.replace("\\", "\\\\").replace('"""', "'''").replace("\r", "\\r").replace("\0", "\\0")
+    text = (
+        text.replace("\\", "\\\\").replace('"""', "'''").replace("\r", "\\r").replace("\0", "\\0")
+    )
     return f"{text} " if text.endswith('"') else text
 
 
 def class_name(server: str) -> str:
     """The name of the class for a server: "turtle 1" has Turtle1Mission."""
-    return "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip("0123456789") + "Mission"
+    return (
+        "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip(
+            "0123456789"
+        )
+        + "Mission"
+    )
 
 
 def _method(task: OfferedTask) -> str:
@@ -78,9 +90,12 @@ def _method(task: OfferedTask) -> str:
         waits, goes_on = "Literal[True]", "Literal[False] = False"
     text = _in_docstring(task.in_words).replace("\n", "\n            ")
     return _TASK.format(
-        name=task.name, help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE), waits=parameters(waits),
-        goes_on=parameters(goes_on), either=parameters("bool"),
-    )  # fmt: skip
+        name=task.name,
+        help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE),
+        waits=parameters(waits),
+        goes_on=parameters(goes_on),
+        either=parameters("bool"),
+    )
 
 
 def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
@@ -100,7 +115,9 @@ def _annotation(parameter: TaskParameter) -> str:
 
 
 def _is_literal(text: str) -> bool:
-    """Whether a text is a value in Python; not that of ``nan``, which a format may have as a default."""
+    """Whether a text is a value in Python; not that of ``nan``, which a format may have as a
+    default.
+    """
     try:
         literal_eval(text)
     except (ValueError, SyntaxError):

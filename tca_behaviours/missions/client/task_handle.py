@@ -13,7 +13,9 @@ from tca_module import BadData, MisuseError, SentTask, TaskFailed, TaskKilled
 class TaskHandle:
     """A task that a mission has started: ``watch = mission.WaitForROI(foreground=False, ...)``."""
 
-    def __init__(self, name: str, sent: SentTask[Any], on_end: "Callable[[TaskHandle], None]") -> None:
+    def __init__(
+        self, name: str, sent: SentTask[Any], on_end: "Callable[[TaskHandle], None]"
+    ) -> None:
         self.name = name
         self.sent = sent  #: as the library knows it: for constraints, wiretaps, ``info()``
         self.parameters: dict[str, Any] = {}  #: those that it was given
@@ -53,7 +55,9 @@ class TaskHandle:
 
     @property
     def end_in_words(self) -> str:
-        """How it ended, as far as this mission has heard: "completed", "timeout: it ran for 2 s"; "" while it runs."""
+        """How it ended, as far as this mission has heard: "completed", "timeout: it ran for 2 s";
+        "" while it runs.
+        """
         return in_words(self._end) if self._end is not None else ""
 
     def note_end(self) -> None:
@@ -89,7 +93,9 @@ class TaskHandle:
             return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
         except TaskFailed as error:
             self.failure = error.failure
-            return TaskEnd(status_of(error.failure) | Status.TERMINATED, error.text.partition("\n")[0])
+            return TaskEnd(
+                status_of(error.failure) | Status.TERMINATED, error.text.partition("\n")[0]
+            )
 
 
 def check_handles(*tasks: object) -> None:

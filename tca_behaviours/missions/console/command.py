@@ -18,14 +18,16 @@ _PATIENCE = 2.0  # seconds that a person waits for the server
 @click.argument("server", required=False, default="")
 @central_option
 @click.option(
-    "--stub", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+    "--stub",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
     help="Write a Python file that tells editors and type checkers of the tasks, and end.",
-)  # fmt: skip
+)
 def console(server: str, central: str | None, stub: Path | None) -> None:
     """Run tasks of a server by typing them: all tasks are functions.
 
-    index() lists the tasks, status() what runs, help(TASK) explains one. Ctrl-C stops the task that is waited for,
-    Ctrl-D leaves; what still runs in the background is stopped then.
+    index() lists the tasks, status() what runs, help(TASK) explains one. Ctrl-C stops the task that
+    is waited for, Ctrl-D leaves; what still runs in the background is stopped then.
     """
     with as_usage():
         mission = Mission(server, name="console", central=central, patience=_PATIENCE)
@@ -42,6 +44,8 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
 def _write(file: Path, text: str) -> None:
     with made_for(file):
         if file.exists() and MADE_BY not in file.read_text(errors="replace"):
-            raise click.UsageError(f"{file} was not made by --stub: remove it, or give another name")
+            raise click.UsageError(
+                f"{file} was not made by --stub: remove it, or give another name"
+            )
     write_output(file, text)
     click.echo(f"wrote {file}")

@@ -18,7 +18,13 @@ class ConsoleNames:
     def names(self) -> dict[str, Any]:
         """All that can be typed."""
         tasks = {name: getattr(self.mission, name) for name in self.mission.offered()}
-        return {**tasks, "mission": self.mission, "index": self.index, "status": self.status, "help": self.help}
+        return {
+            **tasks,
+            "mission": self.mission,
+            "index": self.index,
+            "status": self.status,
+            "help": self.help,
+        }
 
     def index(self) -> None:
         """List the tasks that there are."""
@@ -28,7 +34,9 @@ class ConsoleNames:
             self._show(f"{task.name:{width}}  {task.help.partition(chr(10))[0]}")
 
     def status(self) -> None:
-        """Show the tasks that run, whoever has started them, and the last that this console has started."""
+        """Show the tasks that run, whoever has started them, and the last that this console has
+        started.
+        """
         running = self.mission.running_tasks()
         for task in running:
             self._show(str(task))
@@ -38,10 +46,16 @@ class ConsoleNames:
             self._show(f"{handle} {handle.end_in_words}")
 
     def help(self, task: Any = None) -> None:
-        """Explain a task and its parameters: ``help(GoTo)``. Without one, list what can be typed."""
+        """Explain a task and its parameters: ``help(GoTo)``. Without one, list what can be
+        typed.
+        """
         if task is None:
-            self._show("index() lists the tasks, status() what runs, help(TASK) explains one; Ctrl-C stops a task that")
-            self._show("is waited for, Ctrl-D leaves. TASK(..., foreground=False) goes on in the background.")
+            self._show(
+                "index() lists the tasks, status() what runs, help(TASK) explains one; Ctrl-C stops a task that"
+            )
+            self._show(
+                "is waited for, Ctrl-D leaves. TASK(..., foreground=False) goes on in the background."
+            )
             return
         name = task if isinstance(task, str) else getattr(task, "__name__", "")
         offered = self.mission.offered().get(name)

@@ -21,7 +21,9 @@ def run_shell(console: ConsoleNames) -> None:
 
     def learn(*_: object) -> None:
         """Tasks that have come since the last line are names, too."""
-        shell.user_ns.update({name: value for name, value in console.names.items() if name not in shell.user_ns})
+        shell.user_ns.update(
+            {name: value for name, value in console.names.items() if name not in shell.user_ns}
+        )
 
     shell.events.register("pre_run_cell", learn)
     console.index()
@@ -30,7 +32,17 @@ def run_shell(console: ConsoleNames) -> None:
 
 
 def _show_in_one_line(
-    _: InteractiveShell, kind: type[BaseException], error: BaseException, *_trace: object, **__: object
+    _: InteractiveShell,
+    kind: type[BaseException],
+    error: BaseException,
+    *_trace: object,
+    **__: object,
 ) -> None:
-    """An error of a mission says what, which and what to do, and Ctrl-C is none: nobody needs the traceback."""
-    print(f"{kind.__name__}: {error}" if str(error) else f"{kind.__name__}: status() shows what still runs")
+    """An error of a mission says what, which and what to do, and Ctrl-C is none: nobody needs the
+    traceback.
+    """
+    print(
+        f"{kind.__name__}: {error}"
+        if str(error)
+        else f"{kind.__name__}: status() shows what still runs"
+    )

@@ -24,20 +24,28 @@ class RunInterface(Protocol):
 
 
 class ServedTask(Generic[E]):
-    """The base of PeriodicTask and OnceTask. Its annotated attributes are parameters, unless they begin with "_"."""
+    """The base of PeriodicTask and OnceTask. Its annotated attributes are parameters, unless they
+    begin with "_".
+    """
 
     env: E
     """The environment that all tasks of the server share."""
     task: Task
     """The run as a task of the tree: to send messages with."""
-    task_timeout: float = parameter(0.0, "The most seconds that it may run once initialised; 0: any", minimum=0)
-    foreground: bool = parameter(True, "Whether it takes the place of the task in the foreground", fixed=True)
+    task_timeout: float = parameter(
+        0.0, "The most seconds that it may run once initialised; 0: any", minimum=0
+    )
+    foreground: bool = parameter(
+        True, "Whether it takes the place of the task in the foreground", fixed=True
+    )
 
     status_text = ""
     _run: RunInterface
 
     def initialise(self) -> None:
-        """Prepare the run; it may take long. An error means that it could not: then nothing else is called."""
+        """Prepare the run; it may take long. An error means that it could not: then nothing else is
+        called.
+        """
 
     def iterate(self) -> Status | None:
         """Do the work; returns the status. Errors and failures end the run."""
@@ -56,8 +64,8 @@ class ServedTask(Generic[E]):
         return MISSION_TASK_FAILED(text=text)
 
     def sleep(self, seconds: float) -> None:
-        """Let so many seconds pass. Raises TaskKilled or Stopped when the run is to end, after which comes
-        ``terminate``.
+        """Let so many seconds pass. Raises TaskKilled or Stopped when the run is to end, after
+        which comes ``terminate``.
         """
         self._run.sleep(seconds)
 
@@ -65,7 +73,9 @@ class ServedTask(Generic[E]):
 class PeriodicTask(ServedTask[E]):
     """A task whose ``iterate`` is called at a constant rate, until it returns COMPLETED."""
 
-    task_period: float = parameter(description="The seconds from one iteration to the next", minimum=0.001)
+    task_period: float = parameter(
+        description="The seconds from one iteration to the next", minimum=0.001
+    )
 
     def iterate(self) -> Status:
         """Do one step, in much less than a period: returns RUNNING, or COMPLETED at the goal."""
@@ -73,7 +83,9 @@ class PeriodicTask(ServedTask[E]):
 
 
 class OnceTask(ServedTask[E]):
-    """A task whose ``iterate`` is called once, and takes the time it needs. When it returns, the task is completed."""
+    """A task whose ``iterate`` is called once, and takes the time it needs. When it returns, the
+    task is completed.
+    """
 
 
 COMMON = ("task_timeout", "foreground", "task_period")
@@ -89,7 +101,9 @@ class Idle(PeriodicTask[Environment]):
 
 
 class Definition:
-    """A task as its server offers it: a command with the task's parameters. Raises BadFormat if it can't be one."""
+    """A task as its server offers it: a command with the task's parameters. Raises BadFormat if it
+    can't be one.
+    """
 
     def __init__(self, task: type[ServedTask[Any]], server: str, rate: float) -> None:
         self.task = task
@@ -98,9 +112,12 @@ class Definition:
         base = PeriodicTask if self.is_periodic else OnceTask
         fields = fields_of(task, base, COMMON, {"task_period": 1 / rate})
         marker = {
-            "server": server, "task": self.name, "help": help_of(task), "periodic": self.is_periodic,
+            "server": server,
+            "task": self.name,
+            "help": help_of(task),
+            "periodic": self.is_periodic,
             "parameters": sorted(fields, key=lambda name: name in COMMON),
-        }  # fmt: skip
+        }
         self.format = TaskFormat(task, fields, marker)
         self.message: Command[Any, TaskEnd] = Command(
             f"{server}.{self.name}", self.format, result=TaskEnd, progress=TaskStatus
@@ -110,7 +127,9 @@ class Definition:
         """The data of the command: what is not given is left to its default."""
         return self.format.kind(**given)
 
-    def create(self, environment: Environment, task: Task, parameters: msgspec.Struct) -> ServedTask[Any]:
+    def create(
+        self, environment: Environment, task: Task, parameters: msgspec.Struct
+    ) -> ServedTask[Any]:
         """The task of one run."""
         made = self.task()
         made.env, made.task = environment, task
@@ -120,12 +139,18 @@ class Definition:
 
     def why_fixed(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
         """The reason why a task that runs can't be given these parameters; "" if it can."""
-        changed = [name for name, value in self.format.given_in(parameters).items() if value != getattr(served, name)]
+        changed = [
+            name
+            for name, value in self.format.given_in(parameters).items()
+            if value != getattr(served, name)
+        ]
         fixed = [name for name in changed if self.format.fields[name].is_fixed]
         return f"parameter '{fixed[0]}' can't be changed while the task runs" if fixed else ""
 
     def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> Any:
-        """Give a task that runs new values of the parameters that were given; all that it has now."""
+        """Give a task that runs new values of the parameters that were given; all that it has
+        now.
+        """
         for name, value in self.format.given_in(parameters).items():
             setattr(served, name, value)
         return self.parameters(**{name: getattr(served, name) for name in self.format.fields})
@@ -134,17 +159,23 @@ class Definition:
 def check_task(task: object) -> type[ServedTask[Any]]:
     """A class that can be a task. Raises MisuseError."""
     if not (isinstance(task, type) and issubclass(task, ServedTask)):
-        raise MisuseError(f"{task!r:.60} is no task: give a class that inherits from PeriodicTask or OnceTask")
+        raise MisuseError(
+            f"{task!r:.60} is no task: give a class that inherits from PeriodicTask or OnceTask"
+        )
     if not issubclass(task, PeriodicTask | OnceTask):
         raise MisuseError(f"task {task.__name__} must inherit from PeriodicTask or OnceTask")
     if task.iterate in (PeriodicTask.iterate, ServedTask.iterate):
         raise MisuseError(f"task {task.__name__} has no iterate(): define it")
     if inspect.iscoroutinefunction(task.iterate):
-        raise MisuseError(f"task {task.__name__}: iterate() can't be 'async def': it runs in a thread of its own")
+        raise MisuseError(
+            f"task {task.__name__}: iterate() can't be 'async def': it runs in a thread of its own"
+        )
     try:
         inspect.signature(task).bind()
     except TypeError:
-        raise MisuseError(f"task {task.__name__} needs arguments to be made: prepare in initialise() instead") from None
+        raise MisuseError(
+            f"task {task.__name__} needs arguments to be made: prepare in initialise() instead"
+        ) from None
     return task
 
 
@@ -153,6 +184,10 @@ def environment_of(task: type) -> type:
     for one in task.__mro__:
         for base in vars(one).get("__orig_bases__", ()):
             origin, wanted = get_origin(base), get_args(base)
-            if isinstance(origin, type) and issubclass(origin, ServedTask) and isinstance(wanted[0], type):
+            if (
+                isinstance(origin, type)
+                and issubclass(origin, ServedTask)
+                and isinstance(wanted[0], type)
+            ):
                 return wanted[0]
     return Environment

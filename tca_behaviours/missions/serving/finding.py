@@ -1,4 +1,5 @@
-"""Finds the tasks that a server offers: those it was given, those of a folder's files, those of installed packages.
+"""Finds the tasks that a server offers: those it was given, those of a folder's files, those of
+installed packages.
 
 A task that can't be offered never stops the others: the log says why.
 """
@@ -12,7 +13,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from tca_behaviours.missions.serving.definition import Definition, ServedTask, check_task, environment_of
+from tca_behaviours.missions.serving.definition import (
+    Definition,
+    ServedTask,
+    check_task,
+    environment_of,
+)
 from tca_behaviours.missions.serving.environment import Environment
 from tca_module import BadFormat, MisuseError
 
@@ -23,7 +29,9 @@ ENTRY_POINTS = "tca.missions.tasks"
 class Finding:
     """Collects definitions for a server; the first of a name counts."""
 
-    def __init__(self, server: str, environment: Environment, rate: float, log: logging.Logger) -> None:
+    def __init__(
+        self, server: str, environment: Environment, rate: float, log: logging.Logger
+    ) -> None:
         self.definitions: dict[str, Definition] = {}
         self._server = server
         self._environment = environment
@@ -32,12 +40,16 @@ class Finding:
         self._found_in: dict[str, str] = {}
 
     def add_given(self, tasks: Iterable[type[ServedTask[Any]]]) -> None:
-        """Add tasks of the server's own program. Raises MisuseError, or BadFormat, if one can't be offered."""
+        """Add tasks of the server's own program. Raises MisuseError, or BadFormat, if one can't be
+        offered.
+        """
         for task in tasks:
             self._add(task, "tasks=")
 
     def add_folder(self, folder: Path) -> None:
-        """Add the tasks that the Python files of a folder define; files that begin with "_" are left out."""
+        """Add the tasks that the Python files of a folder define; files that begin with "_" are
+        left out.
+        """
         if not folder.is_dir():
             raise MisuseError(f"server '{self._server}': there is no folder {folder}")
         for file in sorted(folder.glob("[!_]*.py")):
@@ -75,10 +87,14 @@ class Finding:
         if name in self.definitions:
             if self.definitions[name].task is task:
                 return
-            raise MisuseError(f"task {name} is defined in {self._found_in[name]} already: rename one of the two")
+            raise MisuseError(
+                f"task {name} is defined in {self._found_in[name]} already: rename one of the two"
+            )
         if not isinstance(self._environment, wanted):
             given = type(self._environment).__name__
-            raise MisuseError(f"task {name} wants a {wanted.__name__} as environment, and the server's is a {given}")
+            raise MisuseError(
+                f"task {name} wants a {wanted.__name__} as environment, and the server's is a {given}"
+            )
         self.definitions[name] = Definition(task, self._server, self._rate)
         self._found_in[name] = where
 

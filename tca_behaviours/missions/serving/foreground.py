@@ -1,4 +1,6 @@
-"""The foreground of a server: one task at a time, and the newest takes the place of the one before."""
+"""The foreground of a server: one task at a time, and the newest takes the place of the one
+before.
+"""
 
 import contextlib
 import logging
@@ -14,14 +16,20 @@ _SAID_EVERY = 5.0  # seconds, then
 class Foreground:
     """Who has the foreground, and who wants it. Threads of different tasks use it."""
 
-    def __init__(self, on_empty: Callable[[Task, BaseException | None], None], log: logging.Logger) -> None:
-        """*on_empty* is called, in any thread, when nobody wants it any more: with the last and the error it had."""
+    def __init__(
+        self, on_empty: Callable[[Task, BaseException | None], None], log: logging.Logger
+    ) -> None:
+        """*on_empty* is called, in any thread, when nobody wants it any more: with the last and the
+        error it had.
+        """
         self._on_empty = on_empty
         self._log = log
         self._lock = threading.Lock()
         self._holder: Task | None = None  #: the task that has it, until it has terminated
         self._newest: Task | None = None  #: the last that came
-        self._late: dict[int, str] = {}  #: tasks that were overtaken before their threads came here -> by whom
+        self._late: dict[
+            int, str
+        ] = {}  #: tasks that were overtaken before their threads came here -> by whom
 
     @property
     def is_empty(self) -> bool:
@@ -30,9 +38,9 @@ class Foreground:
 
     @contextlib.contextmanager
     def taken(self, task: Task, tell_wait: Callable[[str], None]) -> Iterator[None]:
-        """A block in which *task* has the foreground. It ends the task before, and waits until that has terminated.
-        *tell_wait* is called with its name if that takes long, and with "" afterwards. Raises TaskKilled if a newer one
-        comes first.
+        """A block in which *task* has the foreground. It ends the task before, and waits until that
+        has terminated. *tell_wait* is called with its name if that takes long, and with ""
+        afterwards. Raises TaskKilled if a newer one comes first.
         """
         before = self._enter(task)
         try:
@@ -61,8 +69,8 @@ class Foreground:
             self._late.pop(task.id, None)
 
     def _enter(self, task: Task) -> Task | None:
-        """Let *task* be the newest; the task before. Raises TaskKilled if it was overtaken: two threads that begin at
-        once may come here in any order.
+        """Let *task* be the newest; the task before. Raises TaskKilled if it was overtaken: two
+        threads that begin at once may come here in any order.
         """
         handled = _handled_with(task)
         with self._lock:

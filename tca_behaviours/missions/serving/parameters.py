@@ -4,7 +4,18 @@ import inspect
 import json
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NamedTuple,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import msgspec
 
@@ -19,7 +30,9 @@ FIXED = "x-tca-fixed"
 
 
 class Parameter(NamedTuple):
-    """The declaration of a parameter: its default (NODEFAULT: it must be given) and what may be said of its type."""
+    """The declaration of a parameter: its default (NODEFAULT: it must be given) and what may be
+    said of its type.
+    """
 
     default: Any
     meta: msgspec.Meta
@@ -33,26 +46,32 @@ def parameter(
     maximum: float | None = None,
     fixed: bool = False,
 ) -> T:
-    """Declare a parameter of a task; without a default it must be given. One that is *fixed* can't be changed while
-    the task runs.
+    """Declare a parameter of a task; without a default it must be given. One that is *fixed* can't
+    be changed while the task runs.
 
     ::
 
         goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
     """
     extra = {FIXED: True} if fixed else None
-    meta = msgspec.Meta(description=description or None, ge=minimum, le=maximum, extra_json_schema=extra)
+    meta = msgspec.Meta(
+        description=description or None, ge=minimum, le=maximum, extra_json_schema=extra
+    )
     return cast("T", Parameter(default, meta))
 
 
 class Field:
-    """A parameter of a task: its type, and its default unless it must be given. Raises BadFormat or BadData."""
+    """A parameter of a task: its type, and its default unless it must be given. Raises BadFormat or
+    BadData.
+    """
 
     def __init__(self, hint: Any, default: Any) -> None:
         self.hint = hint
         self.is_required = default is msgspec.NODEFAULT
         self.is_fixed = any(
-            (one.extra_json_schema or {}).get(FIXED) for one in get_args(hint) if isinstance(one, msgspec.Meta)
+            (one.extra_json_schema or {}).get(FIXED)
+            for one in get_args(hint)
+            if isinstance(one, msgspec.Meta)
         )
         self._format = Format[Any](hint)
         self._default = b"" if self.is_required else self._format.encode(default)
@@ -64,21 +83,31 @@ class Field:
 
 
 def fields_of(
-    task: type, base: type, common: Iterable[str], defaults: Mapping[str, Any] = MappingProxyType({})
+    task: type,
+    base: type,
+    common: Iterable[str],
+    defaults: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Field]:
-    """The parameters of a task's class, by name. What *base* has itself is none, but for those that are *common* to all
-    tasks, some of which get their *defaults* here. Raises BadFormat if one can't be.
+    """The parameters of a task's class, by name. What *base* has itself is none, but for those that
+    are *common* to all tasks, some of which get their *defaults* here. Raises BadFormat if one
+    can't be.
     """
-    given = {name for one in base.__mro__ for name in vars(one).get("__annotations__", {})} - set(common)
+    given = {name for one in base.__mro__ for name in vars(one).get("__annotations__", {})} - set(
+        common
+    )
     fields = {}
     for name, hint in _hints(task).items():
         if name.startswith("_") or get_origin(hint) is ClassVar or name in given:
             continue
         if name not in common and hasattr(base, name):
-            raise BadFormat(f"task {task.__name__}: parameter '{name}' has the name of something that every task has")
+            raise BadFormat(
+                f"task {task.__name__}: parameter '{name}' has the name of something that every task has"
+            )
         fields[name] = _field(task, name, hint, defaults.get(name, msgspec.NODEFAULT))
     for name in given & vars(task).keys():
-        raise BadFormat(f"task {task.__name__}: '{name}' is given by the server: choose another name")
+        raise BadFormat(
+            f"task {task.__name__}: '{name}' is given by the server: choose another name"
+        )
     return fields
 
 
@@ -86,7 +115,9 @@ def _hints(task: type) -> dict[str, Any]:
     try:
         return get_type_hints(task, include_extras=True)
     except (NameError, TypeError, SyntaxError) as error:
-        raise BadFormat(f"task {task.__name__}: the types of its parameters can't be read: {error}") from None
+        raise BadFormat(
+            f"task {task.__name__}: the types of its parameters can't be read: {error}"
+        ) from None
 
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
@@ -99,9 +130,13 @@ def _field(task: type, name: str, hint: Any, default: Any) -> Field:
     try:
         return Field(hint, next((one for one in values if one is not msgspec.NODEFAULT), default))
     except BadFormat as error:
-        raise BadFormat(f"task {task.__name__}: parameter '{name}' can't be sent: {error}") from None
+        raise BadFormat(
+            f"task {task.__name__}: parameter '{name}' can't be sent: {error}"
+        ) from None
     except BadData as error:
-        raise BadFormat(f"task {task.__name__}: the default of parameter '{name}' does not fit: {error}") from None
+        raise BadFormat(
+            f"task {task.__name__}: the default of parameter '{name}' does not fit: {error}"
+        ) from None
 
 
 def help_of(task: type) -> str:
@@ -110,8 +145,8 @@ def help_of(task: type) -> str:
 
 
 class TaskFormat(Format[Any]):
-    """The format of a task's parameters, with a marker for missions. What a sender leaves out stays out: then the
-    server takes its default, or for a task that runs the present value.
+    """The format of a task's parameters, with a marker for missions. What a sender leaves out stays
+    out: then the server takes its default, or for a task that runs the present value.
     """
 
     def __init__(self, task: type, fields: Mapping[str, Field], marker: Mapping[str, Any]) -> None:
@@ -140,10 +175,17 @@ class TaskFormat(Format[Any]):
 
 def _struct_of(task: type, fields: Mapping[str, Field]) -> type[msgspec.Struct]:
     rows: list[Any] = [
-        (name, field.hint) if field.is_required else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - of any hint
+        (name, field.hint)
+        if field.is_required
+        else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - of any hint
         for name, field in fields.items()
     ]
     namespace, module = {"__doc__": help_of(task)}, task.__module__
     return msgspec.defstruct(
-        task.__name__, rows, namespace=namespace, module=module, kw_only=True, forbid_unknown_fields=True
+        task.__name__,
+        rows,
+        namespace=namespace,
+        module=module,
+        kw_only=True,
+        forbid_unknown_fields=True,
     )

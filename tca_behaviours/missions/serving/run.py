@@ -31,7 +31,11 @@ class TaskRun:
     """A task while it runs."""
 
     def __init__(
-        self, definition: Definition, served: ServedTask[Any], start_timer: StartTimer, log: logging.Logger
+        self,
+        definition: Definition,
+        served: ServedTask[Any],
+        start_timer: StartTimer,
+        log: logging.Logger,
     ) -> None:
         self.definition = definition
         self.served = served
@@ -48,7 +52,9 @@ class TaskRun:
         self._may_tell = 0.0  #: from then on
 
     def carry_out(self) -> TaskEnd:
-        """Run to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
+        """Run to the end, and terminate whatever happens. Raises the failure, or what woke the
+        task.
+        """
         self._initialise()
         try:
             with self._watched():
@@ -75,7 +81,7 @@ class TaskRun:
             raise MISSION_TASK_INITIALISATION_FAILED(text=self._why(error)) from error
         self.status = Status.INITIALISED
 
-    # --- working ---------------------------------------------------------------------------------------------------
+    # --- working ----------------------------------------------------------------------------------
 
     def _iterate_periodically(self, served: PeriodicTask[Any]) -> None:
         began, self.status = self.task.time(), Status.RUNNING
@@ -88,7 +94,9 @@ class TaskRun:
             due = period.next(now, served.task_period)
             self._count_overruns(period, now - was_due)
             self._wait_until(min(due, began + served.task_timeout) if served.task_timeout else due)
-            if served.task_timeout and self.task.time() >= began + served.task_timeout:  # it may have changed
+            if (
+                served.task_timeout and self.task.time() >= began + served.task_timeout
+            ):  # it may have changed
                 raise self._timeout()
 
     def _count_overruns(self, period: Period, took: float) -> None:
@@ -108,15 +116,17 @@ class TaskRun:
         try:
             returned = self.served.iterate()
             if returned is not None and not self._is_completed(returned):
-                raise self.served.failed("iterate() returned RUNNING, but the task runs once: return COMPLETED")
+                raise self.served.failed(
+                    "iterate() returned RUNNING, but the task runs once: return COMPLETED"
+                )
         finally:
             if timer is not None:
                 timer.cancel()
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
-        """A block that the log names if it goes on when ``task_timeout`` has passed: nothing ends an iterate() that
-        hangs.
+        """A block that the log names if it goes on when ``task_timeout`` has passed: nothing ends
+        an iterate() that hangs.
         """
         began, seconds = self.task.time(), self.served.task_timeout
         timer: Callback | None = None
@@ -140,35 +150,47 @@ class TaskRun:
                 timer.cancel()
 
     def _timeout(self) -> FailureRaised:
-        return MISSION_TASK_TIMEOUT(text=self._with_text(f"it ran for {self.served.task_timeout:g} s"))
+        return MISSION_TASK_TIMEOUT(
+            text=self._with_text(f"it ran for {self.served.task_timeout:g} s")
+        )
 
     def _is_completed(self, returned: object) -> bool:
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
         if not isinstance(returned, Status):
-            raise self.served.failed(f"iterate() returned {returned!r:.60}: return Status.RUNNING or Status.COMPLETED")
+            raise self.served.failed(
+                f"iterate() returned {returned!r:.60}: return Status.RUNNING or Status.COMPLETED"
+            )
         raise self.served.failed(self._with_text(f"iterate() returned {returned.name}"))
 
-    # --- talking ---------------------------------------------------------------------------------------------------
+    # --- talking ----------------------------------------------------------------------------------
 
     def tell(self) -> None:
-        """Tell followers how things stand, if that has changed; not too often: what is left out comes with the next
-        iteration.
+        """Tell followers how things stand, if that has changed; not too often: what is left out
+        comes with the next iteration.
         """
         if self._is_ending or threading.get_ident() != self._thread:
             return  # what a thread of the task's own says is told later
         status = TaskStatus(self.served.status_text, self.overruns, self.status)
-        if status != self._told and self.status is not Status.NEWBORN and self.task.time() >= self._may_tell:
+        if (
+            status != self._told
+            and self.status is not Status.NEWBORN
+            and self.task.time() >= self._may_tell
+        ):
             self._told, self._may_tell = status, self.task.time() + _TOLD_EVERY
             self.task.report(status)
 
     def tell_wait(self, for_whom: str) -> None:
         """It can't begin yet, because of another task; "": now it can."""
-        self._told = TaskStatus(f"waits until {for_whom} has terminated" if for_whom else "", status=Status.NEWBORN)
+        self._told = TaskStatus(
+            f"waits until {for_whom} has terminated" if for_whom else "", status=Status.NEWBORN
+        )
         self.task.report(self._told)
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, and hear meanwhile what is wanted of the run. Others may have the environment until then."""
+        """Let time pass, and hear meanwhile what is wanted of the run. Others may have the
+        environment until then.
+        """
         doing, moment = self._doing, self.task.time() + seconds
         if not doing:
             self._wait_until(moment)
@@ -184,13 +206,15 @@ class TaskRun:
             self.task.sleep_until(moment)
             return
         self.tell()
-        while (request := self.task.wait_for_request(max(0.0, moment - self.task.time()))) is not None:
+        while (
+            request := self.task.wait_for_request(max(0.0, moment - self.task.time()))
+        ) is not None:
             if why := self.definition.why_fixed(self.served, request.goal):
                 request.reject(why)
             else:
                 request.accept(self.definition.change(self.served, request.goal))
 
-    # --- the end ---------------------------------------------------------------------------------------------------
+    # --- the end ----------------------------------------------------------------------------------
 
     def _terminate(self) -> None:
         """Call ``terminate``. Raises its error."""
@@ -224,9 +248,11 @@ class TaskRun:
 
     def _lock(self, what: str) -> None:
         while not self.served.env.lock.acquire(timeout=_PATIENCE):
-            self._log.warning("%s() of %s waits for env.lock, which another task holds", what, self.task)
+            self._log.warning(
+                "%s() of %s waits for env.lock, which another task holds", what, self.task
+            )
 
-    # --- words -----------------------------------------------------------------------------------------------------
+    # --- words ------------------------------------------------------------------------------------
 
     def _with_text(self, words: str) -> str:
         return f"{words}: {self.served.status_text}" if self.served.status_text else words

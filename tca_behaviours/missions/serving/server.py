@@ -20,9 +20,7 @@ from tca_module.checks import check, instance_of, number, whole
 from tca_module.link.opening import CentralAddress
 from tca_module.log import log_of
 
-_IDLE_AFTER = (
-    0.2  # seconds without a task in the foreground after which the idle task runs: missions do one after another
-)
+_IDLE_AFTER = 0.2  # seconds without a task in the foreground after which the idle task runs: missions do one after another
 _IDLE_AGAIN_AFTER = 5.0  # seconds, if it failed
 _KEPT_FREE = 2  # of the tasks at a time: one in the foreground, and one that takes its place
 _ENVIRONMENT = instance_of("an object of a class that inherits from Environment", Environment)
@@ -38,17 +36,24 @@ class TaskServer:
         server = TaskServer("turtle", TurtleEnvironment(), folder=Path(__file__).parent / "tasks")
         server.run()
 
-    Its tasks are those of *tasks*, of the Python files in *folder*, and of installed packages (entry points
-    "tca.missions.tasks") that are made for the class of the *environment*. Periodic tasks run at *rate* iterations a
-    second where nothing else is said. At most *capacity* tasks run at a time. When no task has the foreground, *idle*
-    runs; where it completes, it does so once.
+    Its tasks are those of *tasks*, of the Python files in *folder*, and of installed packages
+    (entry points "tca.missions.tasks") that are made for the class of the *environment*. Periodic
+    tasks run at *rate* iterations a second where nothing else is said. At most *capacity* tasks run
+    at a time. When no task has the foreground, *idle* runs; where it completes, it does so once.
     """
 
     def __init__(
-        self, name: str, environment: Environment, tasks: Iterable[type[ServedTask[Any]]] = (), *,
-        folder: Path | str | None = None, idle: type[ServedTask[Any]] | None = None, rate: float = 10.0,
-        capacity: int = 16, central: CentralAddress = None,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        environment: Environment,
+        tasks: Iterable[type[ServedTask[Any]]] = (),
+        *,
+        folder: Path | str | None = None,
+        idle: type[ServedTask[Any]] | None = None,
+        rate: float = 10.0,
+        capacity: int = 16,
+        central: CentralAddress = None,
+    ) -> None:
         self.module = Module(name, central, capacity=capacity)
         self.environment = environment
         self._log = log_of(name)
@@ -96,11 +101,17 @@ class TaskServer:
     def _run(self, definition: Definition, task: Task, parameters: msgspec.Struct) -> TaskEnd:
         served = definition.create(self.environment, task, parameters)
         if served.foreground and definition is self._idle and not self._foreground.is_empty:
-            return TaskEnd(Status.COMPLETED | Status.TERMINATED, "something else has the foreground")
+            return TaskEnd(
+                Status.COMPLETED | Status.TERMINATED, "something else has the foreground"
+            )
         run = TaskRun(definition, served, self.module.after, self._log)
         self._add(run)
         try:
-            with self._foreground.taken(task, run.tell_wait) if served.foreground else contextlib.nullcontext():
+            with (
+                self._foreground.taken(task, run.tell_wait)
+                if served.foreground
+                else contextlib.nullcontext()
+            ):
                 return run.carry_out()
         except Stopped as error:  # in the words of those who sent the task
             raise Stopped(f"server '{self.module.name}' has ended") from error
@@ -118,10 +129,12 @@ class TaskServer:
                 raise MISSION_TASK_FAILED(text=text)
             self.runs.add(run)
 
-    # --- idle ------------------------------------------------------------------------------------------------------
+    # --- idle -------------------------------------------------------------------------------------
 
     def _left(self, task: Task, error: BaseException | None) -> None:
-        """*task* was the last in the foreground: soon the idle task is, unless it was that and has completed."""
+        """*task* was the last in the foreground: soon the idle task is, unless it was that and has
+        completed.
+        """
         was_idle = self._idle is not None and task.message == self._idle.message.name
         if error is not None or not was_idle:
             self._be_idle_after(_IDLE_AGAIN_AFTER if was_idle else _IDLE_AFTER)

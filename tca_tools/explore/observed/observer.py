@@ -1,4 +1,6 @@
-"""A module that observes the states of all tasks: what it was told must be so, and it must miss no change."""
+"""A module that observes the states of all tasks: what it was told must be so, and it must miss no
+change.
+"""
 
 import msgspec
 
@@ -22,7 +24,9 @@ class Observer:
         known = self._told.get(change.task)
         expected = known.serial + 1 if known is not None else 0
         if change.serial != expected:
-            self._missed = f"change {change.serial} of task {change.task} was told where {expected} comes next"
+            self._missed = (
+                f"change {change.serial} of task {change.task} was told where {expected} comes next"
+            )
         self._told[change.task] = change
 
     def breach(self, world: JournalWorld) -> str:
@@ -31,7 +35,9 @@ class Observer:
             if not task.message_class.is_monitor:
                 told = self._told.get(task.id)
                 if told is None or (told.state, told.goal) != (task.state, task.body):
-                    return f"{task} is {task.state}, and who observes was told {told and told.state}"
+                    return (
+                        f"{task} is {task.state}, and who observes was told {told and told.state}"
+                    )
                 if task.is_over:
                     del self._told[task.id]
         return self._missed

@@ -1,8 +1,10 @@
-"""The world that properties of a scenario see after an action: that of ``tca check``, without ids, ages and times.
+"""The world that properties of a scenario see after an action: that of ``tca check``, without ids,
+ages and times.
 
-States that differ only in ids, orders and absolute times are explored once, so properties may see none of that:
-messages come in an order that the state gives, not by age, and ids can only be compared. A property that looks at the
-time makes it part of the state.
+States that differ only in ids, orders and absolute times are explored once, so properties may see
+none of that:
+messages come in an order that the state gives, not by age, and ids can only be compared. A property
+that looks at the time makes it part of the state.
 """
 
 from collections.abc import Callable, Iterator
@@ -40,8 +42,10 @@ class Name:
         return "an id"
 
     def _refuse(self, *_: object) -> NoReturn:
-        raise TypeError("an id is another number in each run: it can be compared with other ids (==) and nothing else; "
-                        "world.parent(task) and world.children(task) give relatives")  # fmt: skip
+        raise TypeError(
+            "an id is another number in each run: it can be compared with other ids (==) and nothing else; "
+            "world.parent(task) and world.children(task) give relatives"
+        )
 
     __lt__ = __le__ = __gt__ = __ge__ = __int__ = __index__ = __float__ = _refuse
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __mod__ = __bool__ = __format__ = _refuse
@@ -53,7 +57,9 @@ _FETCH = attrgetter(*SEEN)
 
 
 class Seen(MessageView):
-    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
+    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or
+    multi-query.
+    """
 
     def __init__(self, record: MessageRecord) -> None:
         vars(self).update(zip(SEEN, _FETCH(record), strict=True))
@@ -91,7 +97,9 @@ class Held(msgspec.Struct, frozen=True):
 
 
 class Messages:
-    """Some messages, in an order that means nothing: what is older can't be told. Iterate, count, or look for one."""
+    """Some messages, in an order that means nothing: what is older can't be told. Iterate, count,
+    or look for one.
+    """
 
     def __init__(self, seen: list[Seen]) -> None:
         self._seen = seen
@@ -106,24 +114,32 @@ class Messages:
         return any(seen is one or seen == one for one in self._seen)
 
     def __getitem__(self, place: object) -> NoReturn:
-        raise TypeError("messages have no order here: choose by what they are, as in [task for task in world.tasks if "
-                        "task.message == 'walk']")  # fmt: skip
+        raise TypeError(
+            "messages have no order here: choose by what they are, as in [task for task in world.tasks if "
+            "task.message == 'walk']"
+        )
 
 
 class World:
-    """The messages under way. What ended with the last action is still there; what ended before is not."""
+    """The messages under way. What ended with the last action is still there; what ended before is
+    not.
+    """
 
     def __init__(
-        self, known: JournalWorld, order: dict[int, int], taken: TakenRequest | None = None,
+        self,
+        known: JournalWorld,
+        order: dict[int, int],
+        taken: TakenRequest | None = None,
         look: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._known = known
         self.taken = taken
-        """The request of a script that central took with the last action; None if there was none, or it was refused or
-        too late.
+        """The request of a script that central took with the last action; None if there was none,
+        or it was refused or too late.
         """
         self._look = look  #: called when somebody looks at the time
-        # Messages from before the last action come in the order of the state before it; the rest as they were sent.
+        # Messages from before the last action come in the order of the state before it; the rest as
+        # they were sent.
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: Seen(known.items[key]) for key in keys}
 
@@ -131,7 +147,9 @@ class World:
         """The value of a predicate."""
         return Found.of(predicate(self))
 
-    newly = true_of  # whatever is true of what ended or came with the last action is so for this one
+    newly = (
+        true_of  # whatever is true of what ended or came with the last action is so for this one
+    )
 
     @property
     def messages(self) -> Messages:
@@ -149,21 +167,31 @@ class World:
 
     def children(self, task: Seen) -> Messages:
         """The tasks under *task*."""
-        return Messages([seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id])
+        return Messages(
+            [seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id]
+        )
 
     def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
-        """The constraints on *task*: which of its moments comes no sooner than which moment of which task (None: one
-        that has ended). Those with a delay are not among them.
+        """The constraints on *task*: which of its moments comes no sooner than which moment of
+        which task (None: one that has ended). Those with a delay are not among them.
         """
         of = {seen.id: key for key, seen in self._seen.items()}
-        held = [hold.constraint for hold in self._known.items[of[task.id]].holds if hold.due is None]
-        return [(one.after.moment, one.before.moment, self._seen.get(one.before.task)) for one in held if not one.delay]
+        held = [
+            hold.constraint for hold in self._known.items[of[task.id]].holds if hold.due is None
+        ]
+        return [
+            (one.after.moment, one.before.moment, self._seen.get(one.before.task))
+            for one in held
+            if not one.delay
+        ]
 
     @property
     def held_by(self) -> dict[tuple[str, str], Held]:
         """The locks and reservations in force, by module and resource."""
-        return {key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
-                for key, claim in sorted(self._known.held_by.items())}  # fmt: skip
+        return {
+            key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
+            for key, claim in sorted(self._known.held_by.items())
+        }
 
     @property
     def modules(self) -> tuple[str, ...]:
@@ -177,8 +205,8 @@ class World:
 
     @property
     def now(self) -> float:
-        """Seconds since the run began. A property that looks at it makes each time another state, and a scenario in
-        which time never stops endless: ``within`` does not.
+        """Seconds since the run began. A property that looks at it makes each time another state,
+        and a scenario in which time never stops endless: ``within`` does not.
         """
         self._look()
         return round(self._known.now, _DIGITS)
@@ -186,6 +214,8 @@ class World:
 
 def breach_in_words(breach: Breach) -> str:
     """The error in words, and its messages with their ids."""
-    names = ", ".join(f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
-                      for one in breach.messages)  # fmt: skip
+    names = ", ".join(
+        f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
+        for one in breach.messages
+    )
     return ": ".join(part for part in (breach.what, names) if part)

@@ -1,4 +1,6 @@
-"""The scripts under way in a run (actors), the connections that they act on (lines), and the runs of modules."""
+"""The scripts under way in a run (actors), the connections that they act on (lines), and the runs
+of modules.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -32,13 +34,21 @@ class OpenRequest:
 class Actor:
     """A script under way."""
 
-    def __init__(self, program: Program, given: steps.Given, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
+    def __init__(
+        self,
+        program: Program,
+        given: steps.Given,
+        delivery: int = 0,
+        task: TaskId = TaskId(0),  # noqa: B008
+    ) -> None:
         self.program = program
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
         self.known: list[TaskId] = []  #: other things it has heard of, by place
         self.life = program.beginning(given)
-        self.requests: dict[int, OpenRequest] = {}  #: by place; those of which nothing more can come are left out
+        self.requests: dict[
+            int, OpenRequest
+        ] = {}  #: by place; those of which nothing more can come are left out
         self.asked = 0  #: how many there were
         self.step: steps.Step | None = None  #: that it is waiting to get something for
         self.number = RequestNumber(0)  #: of what it has just asked
@@ -63,15 +73,22 @@ class Actor:
         return self.requests[self.step.request] if isinstance(self.step, steps.Await) else None
 
     def may_take(self, branch: steps.Branch) -> bool:
-        """Whether *branch* reads of a kill, and of its suspension, only what it can have been told."""
+        """Whether *branch* reads of a kill, and of its suspension, only what it can have been
+        told.
+        """
         read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
-        if not ((self.is_told or self.is_ending or 1 not in read) and (not self.was_told or 0 not in read)):
+        if not (
+            (self.is_told or self.is_ending or 1 not in read)
+            and (not self.was_told or 0 not in read)
+        ):
             return False
-        return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
+        return all(
+            bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED
+        )
 
     def is_woken_from(self, request: OpenRequest) -> bool:
-        """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
-        Connection.wait has it.
+        """Whether it waits no longer for an answer because its task was killed, or its module ends:
+        once for each, as Connection.wait has it.
         """
         if not isinstance(request.header, WAITS_FOR_OTHERS):
             return False
@@ -94,8 +111,8 @@ class Actor:
             self.get(self.wishes.popleft())
 
     def wake_from_look(self) -> None:
-        """It waits no longer for what clients want: its task was killed, or its module ends; once for each. Where it
-        owes its reply, that has failed when its module ends.
+        """It waits no longer for what clients want: its task was killed, or its module ends; once
+        for each. Where it owes its reply, that has failed when its module ends.
         """
         by_kill = self._is_woken_by_kill
         if isinstance(self.step, steps.ReadWish) and (by_kill or self._is_woken_by_end):
@@ -117,7 +134,10 @@ class Actor:
 
     def be_told(self, *, module_ends: bool = False) -> None:
         """It is to end: its task was killed, or its module ends."""
-        self.is_told, self.is_ending = self.is_told or not module_ends, self.is_ending or module_ends
+        self.is_told, self.is_ending = (
+            self.is_told or not module_ends,
+            self.is_ending or module_ends,
+        )
         if self.suspended[-1]:  # it is to end, not to hold
             self.suspended = (*self.suspended, False)
         self.wake_from_look()
@@ -139,7 +159,9 @@ class Actor:
             self.get(answer)
         else:
             self.get(request.unread.popleft())
-        if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
+        if (
+            request.is_over and not request.unread and not isinstance(request.header, Lock)
+        ):  # one can be given back
             del self.requests[place]
 
     def lives(self, *got: steps.Got) -> None:
@@ -193,8 +215,12 @@ class ModuleLine:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it may end. What it has not begun goes to another: that is explored where messages may be ahead."""
-        return not (self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended)
+        """Whether it may end. What it has not begun goes to another: that is explored where
+        messages may be ahead.
+        """
+        return not (
+            self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended
+        )
 
     @property
     def actor(self) -> Actor | None:
@@ -222,7 +248,9 @@ class ModuleRun:
     def __init__(self, module: ScenarioModule, number: int) -> None:
         self.module = module
         self.name = module.name if number == 1 else f"{module.name} run {number}"
-        self.lines: list[ModuleLine] = []  #: those that central has not seen end; the module's own first
+        self.lines: list[
+            ModuleLine
+        ] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
         self.first = deque(module.first)  #: programs to run before it handles anything
         self.is_alive = True
@@ -230,7 +258,9 @@ class ModuleRun:
 
     @property
     def is_joined(self) -> bool:
-        """Whether it has said hello; and, where it handles anything, what, and has said hello for each slot."""
+        """Whether it has said hello; and, where it handles anything, what, and has said hello for
+        each slot.
+        """
         is_serving = self.module.formats or self.module.first
         return self.steps_joined == (2 + len(self.module.slots) if is_serving else 1)
 
@@ -241,7 +271,9 @@ class ModuleRun:
         return is_first and bool(self.first or self.lines[0].actors)
 
     def may_say_goodbye(self) -> list[ModuleLine]:
-        """Those of its lines that may end now because it leaves: what does nothing, its own line last."""
+        """Those of its lines that may end now because it leaves: what does nothing, its own line
+        last.
+        """
         if not self.is_leaving:
             return []
         own, *slots = self.lines

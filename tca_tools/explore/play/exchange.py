@@ -1,4 +1,6 @@
-"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is play.py says."""
+"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is
+play.py says.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +17,13 @@ from tca_tools.explore.errors import CentralFault, ScenarioError
 from tca_tools.explore.observed.observer import Observer
 from tca_tools.explore.observed.world import TakenRequest
 from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
-from tca_tools.explore.play.identifiers import MessageId, RequestNumber, numbers_shown, renamed, renamed_rows
+from tca_tools.explore.play.identifiers import (
+    MessageId,
+    RequestNumber,
+    numbers_shown,
+    renamed,
+    renamed_rows,
+)
 from tca_tools.explore.play.inbox import SlotInbox
 from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import call_of
@@ -39,13 +47,19 @@ class Exchange:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = MessageId(0)
-        self.central.dispatcher.messages_ahead.trusts_all = True  # how long handlers took is no part of the state
+        self.central.dispatcher.messages_ahead.trusts_all = (
+            True  # how long handlers took is no part of the state
+        )
         self.world = JournalWorld([], is_whole=True)
         self.observer: Observer | None = None
-        self.taken: TakenRequest | None = None  #: the request that central took with the last action
+        self.taken: TakenRequest | None = (
+            None  #: the request that central took with the last action
+        )
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
-        self.lived: dict[str, bytes] = {}  #: by line: what its scripts did and got, where messages may be ahead
+        self.lived: dict[
+            str, bytes
+        ] = {}  #: by line: what its scripts did and got, where messages may be ahead
         self.facts: list[Fact] = []  #: recorded with the last action
         self.scenario = scenario
         self._known = scenario.messages()  #: messages that some module handles
@@ -91,7 +105,9 @@ class Exchange:
         elif not line.inbox.put(header, body):
             self.hear(line, line.inbox, header, body)
 
-    def hear(self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes) -> None:
+    def hear(
+        self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes
+    ) -> None:
         """A slot gets a packet from central."""
         if inbox.hear(header, body):
             self._get(line, header, body)
@@ -108,7 +124,9 @@ class Exchange:
             self.post(line.name, inbox)
 
     def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
-        """The error if a slot has other messages than central has given it: nothing is lost, and nothing is twice."""
+        """The error if a slot has other messages than central has given it: nothing is lost, and
+        nothing is twice.
+        """
         has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
         given = sorted(given_to(self.central, line.name))
         if has == given:
@@ -123,23 +141,29 @@ class Exchange:
         line.begin(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]
         assert slot.resource is not None
-        if (item := self.world.known(header.delivery)) is not None:  # central is told of that with its reply
+        if (
+            item := self.world.known(header.delivery)
+        ) is not None:  # central is told of that with its reply
             with numbers_shown():
-                check_locks(self.world, item, self.world.place(slot.module.name, slot.resource.name))
+                check_locks(
+                    self.world, item, self.world.place(slot.module.name, slot.resource.name)
+                )
 
     def _record(self, entry: Entry) -> None:
         self.facts += entry.facts
         with numbers_shown():
             take_event(self.world, entry)
 
-    # --- steps -------------------------------------------------------------------------------------------------------
+    # --- steps ------------------------------------------------------------------------------------
 
     def take(self, line: ModuleLine, actor: Actor) -> None:
         """An actor takes the step that it is at."""
         _TAKE[type(actor.step)](self, line, actor, actor.step)
 
     def go_on(self, line: ModuleLine) -> None:
-        """Play the parts that are no action: a script awaits or reads something, or ends if it handles nothing."""
+        """Play the parts that are no action: a script awaits or reads something, or ends if it
+        handles nothing.
+        """
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
                 request = actor.awaited
@@ -183,12 +207,16 @@ class Exchange:
             self.taken = TakenRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
-        """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
+        """A module that is lost takes its resources along; one that nobody ever has is a
+        mistake.
+        """
         owners = self.scenario.owners(header.resource)
         if not owners or header.module not in ("", *owners):
             whose = f"module '{header.module}'" if header.module else "no module"
-            raise ScenarioError(f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
-                                "lock or reserve one that is there")  # fmt: skip
+            raise ScenarioError(
+                f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
+                "lock or reserve one that is there"
+            )
         if not header.module and len(owners) > 1:
             raise ScenarioError(
                 f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
@@ -199,12 +227,16 @@ class Exchange:
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
         for message in step.declares:
-            is_free = is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
+            is_free = (
+                is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
+            )
             if message.name not in self._known and not is_free:
                 text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
                 raise ScenarioError(f"{text} scenario handles: give one a handler for it")
         formats = [message.format for message in step.declares]
-        new = [one for one in formats if one.name not in registry or registry[one.name].format != one]
+        new = [
+            one for one in formats if one.name not in registry or registry[one.name].format != one
+        ]
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
@@ -223,7 +255,15 @@ class Exchange:
 
     def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.wish(steps.Got(_LOOK, text=header.text, body=body, choice=header.serial, words=header.transition))
+            actor.wish(
+                steps.Got(
+                    _LOOK,
+                    text=header.text,
+                    body=body,
+                    choice=header.serial,
+                    words=header.transition,
+                )
+            )
 
     def _give_up(self, line: ModuleLine, actor: Actor, step: steps.GiveUp) -> None:
         request = actor.requests.pop(step.request)
@@ -242,9 +282,14 @@ class Exchange:
             self._reply(line, actor, step.body)
 
     def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
-        """A handler returned: see Slot of tca_module. One that knew that its module ends may have done half of it."""
+        """A handler returned: see Slot of tca_module. One that knew that its module ends may have
+        done half of it.
+        """
         if actor.knows_end and not actor.is_told:
-            self.receive(line.name, headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"))
+            self.receive(
+                line.name,
+                headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"),
+            )
         else:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
@@ -254,7 +299,9 @@ class Exchange:
             actor.learn()
             self._reply(line, actor, NIL)
         elif actor.delivery:
-            header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
+            header = headers.Fail(
+                actor.delivery, step.failure, step.text, list(step.kinds), step.reissue
+            )
             self.receive(line.name, header, step.body)
         elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
@@ -269,11 +316,13 @@ class Exchange:
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
         """It never gets anything for that step."""
 
-    # --- answers ------------------------------------------------------------------------------------------------------
+    # --- answers ----------------------------------------------------------------------------------
 
     def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
-        accepts = any(one.accepts for one in line.run.module.formats if one.message == header.message)
+        accepts = any(
+            one.accepts for one in line.run.module.formats if one.message == header.message
+        )
         given = steps.Given(body, bool(header.task), accepts)
         actor = Actor(program, given, header.delivery, header.task)
         context = renamed(header.context, actor.name)
@@ -284,8 +333,12 @@ class Exchange:
         line.delivered.append(actor)
 
     def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
-        if (actor := _asking(line, header.number)) is not None and isinstance(actor.step, steps.Ask):
-            is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
+        if (actor := _asking(line, header.number)) is not None and isinstance(
+            actor.step, steps.Ask
+        ):
+            is_change = isinstance(
+                actor.step.header, ChangeState
+            )  # its answer is a number of changes
             made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
             actor.get(steps.Got(actor.step.kind, id=made))
         self._answer(line, header.number, steps.Got(_AWAITED, id=TaskId(0)))
@@ -293,11 +346,16 @@ class Exchange:
     def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
         if (actor := _asking(line, header.number)) is not None and actor.step is not None:
             actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
-        elif not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text)) and header.number:
+        elif (
+            not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text))
+            and header.number
+        ):
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
     def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
-        self._answer(line, header.number, steps.Got(_AWAITED, answer=replace(header, number=0), body=body))
+        self._answer(
+            line, header.number, steps.Got(_AWAITED, answer=replace(header, number=0), body=body)
+        )
 
     def _answer(self, line: ModuleLine, number: int, got: steps.Got) -> bool:
         """Whether somebody wanted that answer."""
@@ -333,7 +391,12 @@ def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:
 
 
 def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
-    return [(actor, one) for actor in line.actors for one in actor.requests.values() if one.number == number]
+    return [
+        (actor, one)
+        for actor in line.actors
+        for one in actor.requests.values()
+        if one.number == number
+    ]
 
 
 def connection_of(name: str) -> ConnectionId:
@@ -344,7 +407,9 @@ def connection_of(name: str) -> ConnectionId:
 def given_to(central: Central, line: str) -> list[int]:
     """The deliveries that central has given to a slot."""
     slot = central.registry.connections[connection_of(line)]
-    ahead = slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+    ahead = (
+        slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+    )
     return [delivery.given_as for delivery in (*slot.handling, *ahead)]
 
 

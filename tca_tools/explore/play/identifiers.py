@@ -1,7 +1,9 @@
-"""Numbers that are names. Central copies and counts them like any number, and they can still be told from counts.
+"""Numbers that are names. Central copies and counts them like any number, and they can still be
+told from counts.
 
-They differ from run to run, so scripts must not see them, or they would be other scripts in each run: in headers,
-answers and contexts they are replaced by the script's own names, and central's texts do not have them.
+They differ from run to run, so scripts must not see them, or they would be other scripts in each
+run: in headers, answers and contexts they are replaced by the script's own names, and central's
+texts do not have them.
 """
 
 from collections.abc import Callable, Iterator
@@ -57,7 +59,9 @@ _PLAIN = (str, bytes, float, bool)
 
 
 def renamed(value: Any, rename: Rename) -> Any:
-    """A header or part of one, with other ids; ids that are 0 or -1 name no task but the root, and the new one."""
+    """A header or part of one, with other ids; ids that are 0 or -1 name no task but the root, and
+    the new one.
+    """
     if type(value) is list:
         return [renamed(one, rename) for one in value]
     if not isinstance(value, msgspec.Struct):

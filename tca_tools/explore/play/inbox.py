@@ -1,7 +1,9 @@
-"""The packets from central to a slot that may have messages ahead, and the library's own session, which reads them.
+"""The packets from central to a slot that may have messages ahead, and the library's own session,
+which reads them.
 
-Other connections hear central at once. Here a packet may be under way for a while, and replies may be held until a turn
-ends, to leave together. What a slot says reaches central at once here, too: what it does before that, nobody can see.
+Other connections hear central at once. Here a packet may be under way for a while, and replies may
+be held until a turn ends, to leave together. What a slot says reaches central at once here, too:
+what it does before that, nobody can see.
 """
 
 from collections import deque
@@ -22,8 +24,9 @@ class SlotInbox:
         self.in_turn = 0  #: the delivery whose reply may be held
 
     def put(self, header: Any, body: bytes) -> bool:
-        """Central has sent a packet; whether it is under way for a while. An answer for which the slot waits, and a
-        message when it is free, might as well be heard at once, if nothing is before them.
+        """Central has sent a packet; whether it is under way for a while. An answer for which the
+        slot waits, and a message when it is free, might as well be heard at once, if nothing is
+        before them.
         """
         is_later = bool(self.under_way) or _is_about_what_is_ahead(header)
         if is_later:
@@ -46,7 +49,9 @@ class SlotInbox:
         return header, body
 
     def say(self, header: headers.ToCentral, body: bytes) -> bool:
-        """A script says something to central, which is among ``outgoing`` then; whether it is held."""
+        """A script says something to central, which is among ``outgoing`` then; whether it is
+        held.
+        """
         if isinstance(header, headers.Reply | headers.Fail):
             return self.session.reply(header, body) and self.session.has_next
         self.session.make_way(header)
@@ -65,10 +70,18 @@ class SlotInbox:
 
     @property
     def deliveries(self) -> list[int]:
-        """Those that came ahead, or are under way, and are not begun, and those whose replies are held."""
+        """Those that came ahead, or are under way, and are not begun, and those whose replies are
+        held.
+        """
         packets = (*self.session.outgoing, *self.session.ahead, *self.under_way)
-        return [header.delivery for header, _ in packets if isinstance(header, headers.Deliver | headers.Reply)]
+        return [
+            header.delivery
+            for header, _ in packets
+            if isinstance(header, headers.Deliver | headers.Reply)
+        ]
 
 
 def _is_about_what_is_ahead(header: Any) -> bool:
-    return isinstance(header, headers.Recall) or (isinstance(header, headers.Deliver) and header.ahead > 0)
+    return isinstance(header, headers.Recall) or (
+        isinstance(header, headers.Deliver) and header.ahead > 0
+    )

@@ -1,8 +1,10 @@
-"""One run of a scenario, at one moment: central, the modules and their scripts, and what may happen next.
+"""One run of a scenario, at one moment: central, the modules and their scripts, and what may happen
+next.
 
-An action is one thing that happens: a script takes its next step, a module joins, a connection breaks, time passes to
-what is due next. Central handles it at once, and what it sends is received at once: since all goes through central,
-interleavings differ only in the order in which it receives things. Equal actions on equal runs have equal results.
+An action is one thing that happens: a script takes its next step, a module joins, a connection
+breaks, time passes to what is due next. Central handles it at once, and what it sends is received
+at once: since all goes through central, interleavings differ only in the order in which it receives
+things. Equal actions on equal runs have equal results.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -50,7 +52,9 @@ class ActionKind(StrEnum):
 
 
 class Action(msgspec.Struct, frozen=True):
-    """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch or task."""
+    """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch
+    or task.
+    """
 
     kind: ActionKind
     name: str = ""
@@ -64,11 +68,15 @@ class Play(Exchange):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.runs: dict[str, ModuleRun] = {}  #: of modules, by name, until their last connection has ended
+        self.runs: dict[
+            str, ModuleRun
+        ] = {}  #: of modules, by name, until their last connection has ended
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
         self.suspensions = dict(scenario.may_be_suspended)
-        self.suspended: dict[str, list[TaskId]] = {name: [] for name in self.suspensions}  #: by somebody, by message
+        self.suspended: dict[str, list[TaskId]] = {
+            name: [] for name in self.suspensions
+        }  #: by somebody, by message
         self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
         if scenario.is_observed:
@@ -80,15 +88,24 @@ class Play(Exchange):
             self._start(module.name)
         self._start_all()
         if self.kills or self.suspensions:
-            self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
-        self.broken = next(self._broken(), "")  #: the promise that central broke with the last action
+            self.receive(
+                SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY)
+            )
+        self.broken = next(
+            self._broken(), ""
+        )  #: the promise that central broke with the last action
 
-    # --- possible actions --------------------------------------------------------------------------------------------
+    # --- possible actions -------------------------------------------------------------------------
 
     def actions(self) -> list[Action]:
         """Everything that may happen now."""
-        return [*self._steps(), *self._with_inboxes(), *self._passing_of_time(), *self._comings_and_goings(),
-                *self._interventions()]  # fmt: skip
+        return [
+            *self._steps(),
+            *self._with_inboxes(),
+            *self._passing_of_time(),
+            *self._comings_and_goings(),
+            *self._interventions(),
+        ]
 
     def _steps(self) -> Iterator[Action]:
         for line in self.lines.values():
@@ -98,7 +115,9 @@ class Play(Exchange):
                         yield Action(ActionKind.STEP, line.name, index)
 
     def _with_inboxes(self) -> Iterator[Action]:
-        for line, inbox in ((line, line.inbox) for line in self.lines.values() if line.inbox is not None):
+        for line, inbox in (
+            (line, line.inbox) for line in self.lines.values() if line.inbox is not None
+        ):
             if inbox.session.held.ended:
                 yield Action(ActionKind.ANSWER, line.name)
             elif inbox.under_way:
@@ -109,7 +128,9 @@ class Play(Exchange):
     def _passing_of_time(self) -> Iterator[Action]:
         if self.next_time is not None:
             yield Action(ActionKind.TIME)
-        yield from (Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now)
+        yield from (
+            Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now
+        )
 
     def _late(self) -> list[tuple[ModuleLine, float]]:
         """The lines whose scripts wait no longer than until a time, with that time."""
@@ -133,7 +154,10 @@ class Play(Exchange):
                     yield Action(ActionKind.LEAVE, run.name, is_optional=True)
                 yield from (Action(ActionKind.BYE, line.name) for line in run.may_say_goodbye())
             if not run.is_alive or self.losses[run.module.name]:
-                yield from (Action(ActionKind.BREAK, line.name, is_optional=run.is_alive) for line in run.lines)
+                yield from (
+                    Action(ActionKind.BREAK, line.name, is_optional=run.is_alive)
+                    for line in run.lines
+                )
 
     def _interventions(self) -> Iterator[Action]:
         for message, times in self.kills.items():
@@ -142,20 +166,29 @@ class Play(Exchange):
         for message, times in self.suspensions.items():
             for index, _ in enumerate(self.suspendable(message) if times else []):
                 yield Action(ActionKind.SUSPEND, message, index, is_optional=True)
-            yield from (Action(ActionKind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
+            yield from (
+                Action(ActionKind.RESUME, message, index)
+                for index, _ in enumerate(self.suspended[message])
+            )
 
     def killable(self, message: str) -> list[MessageRecord]:
         """The tasks of that message which somebody may kill."""
-        return [task for task in self.world.tasks if task.message == message and not (task.is_killed or task.is_over)]
+        return [
+            task
+            for task in self.world.tasks
+            if task.message == message and not (task.is_killed or task.is_over)
+        ]
 
     def suspendable(self, message: str) -> list[MessageRecord]:
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
-    # --- actions played -----------------------------------------------------------------------------------------------
+    # --- actions played ---------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
-        """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""
+        """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if
+        central can't.
+        """
         self.facts, self.taken = [], None
         self.world.violations.clear()
         self.world.forget()
@@ -215,7 +248,7 @@ class Play(Exchange):
         assert actor.step is not None
         actor.get(Got(actor.step.kind, is_late=True))
 
-    # --- modules come and go -----------------------------------------------------------------------------------------
+    # --- modules come and go ----------------------------------------------------------------------
 
     def _start(self, module: str) -> ModuleRun:
         self._started[module] += 1
@@ -224,7 +257,9 @@ class Play(Exchange):
         return run
 
     def _start_all(self) -> None:
-        """Until all are there; those that wait for each other, or choose, go on with that in the run."""
+        """Until all are there; those that wait for each other, or choose, go on with that in the
+        run.
+        """
         moved = True
         while moved:
             moved = False
@@ -233,7 +268,9 @@ class Play(Exchange):
                     moved = True
 
     def _starts_further(self, run: ModuleRun) -> bool:
-        """The next step of a module that joins before the run; False if there is none, or more than one."""
+        """The next step of a module that joins before the run; False if there is none, or more than
+        one.
+        """
         if run.module.arrives_late or run.is_joined:
             return False
         if not run.is_starting:
@@ -250,15 +287,24 @@ class Play(Exchange):
         """The next step of joining."""
         module, done = run.module, run.steps_joined
         if done == 1:
-            messages = [program.message.format for program in module.handlers.values() if program.message]
+            messages = [
+                program.message.format for program in module.handlers.values() if program.message
+            ]
             self.receive(run.name, headers.Register(self.next_number(), messages, module.formats))
         else:
             resource = module.slots[done - 2] if done else ""
             line = ModuleLine(f"{run.name}/{done - 1}" if done else run.name, run)
             run.lines.append(line)
             self.lines[line.name] = line
-            hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, module.name, run.name, done, resource,
-                                  prefetch=module.prefetch or 0)  # fmt: skip
+            hello = headers.Hello(
+                self.next_number(),
+                PROTOCOL_VERSION,
+                module.name,
+                run.name,
+                done,
+                resource,
+                prefetch=module.prefetch or 0,
+            )
             line.inbox = SlotInbox(hello) if done and module.prefetch is not None else None
             self.receive(line.name, hello)
         run.steps_joined += 1
@@ -317,7 +363,9 @@ class Play(Exchange):
 _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
     ActionKind.STEP: Play._take_step,
     ActionKind.HEAR: Play._hear,
-    ActionKind.BEGIN: lambda play, action: play.begin_next(play.lines[action.name], play.inbox(action)),
+    ActionKind.BEGIN: lambda play, action: play.begin_next(
+        play.lines[action.name], play.inbox(action)
+    ),
     ActionKind.ANSWER: lambda play, action: play.post(action.name, play.inbox(action)),
     ActionKind.TIME: Play._pass_time,
     ActionKind.LATE: Play._be_late,
@@ -333,9 +381,15 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
 
 def outcome(play: Play) -> bytes:
     """What has been done, got and left in a run that ends, the same in all explorations."""
-    unfinished = {name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())}
-    left = sorted((one.message, one.body, one.module) for one in play.world.messages if not one.is_over)
-    return repr((sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)).encode()
+    unfinished = {
+        name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())
+    }
+    left = sorted(
+        (one.message, one.body, one.module) for one in play.world.messages if not one.is_over
+    )
+    return repr(
+        (sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)
+    ).encode()
 
 
 Waiting = tuple[int] | tuple[Actor, ScriptRun]
@@ -343,14 +397,20 @@ Waiting = tuple[int] | tuple[Actor, ScriptRun]
 
 
 def waiting(play: Play) -> list[Waiting]:
-    """The tasks that wait by themselves, not for what is under them, oldest first; and the scripts."""
+    """The tasks that wait by themselves, not for what is under them, oldest first; and the
+    scripts.
+    """
     tasks = play.world.tasks
     parents = {task.parent_id for task in tasks if not task.is_over}
     return [
         *((task.id,) for task in tasks if _waits(task) and task.id not in parents),
-        *((actor, actor.life) for name in sorted(play.lines) for actor in play.lines[name].actors
-          if actor.step is not None),
-    ]  # fmt: skip
+        *(
+            (actor, actor.life)
+            for name in sorted(play.lines)
+            for actor in play.lines[name].actors
+            if actor.step is not None
+        ),
+    ]
 
 
 def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:

@@ -22,8 +22,15 @@ def describe(play: Play, action: Action) -> str:
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
     tasks = [_left(play, task) for task in play.world.tasks if not task.is_over]
-    return (*tasks, *(_stuck(play, line, actor) for line in play.lines.values() for actor in line.actors
-                      if actor.step is not None))  # fmt: skip
+    return (
+        *tasks,
+        *(
+            _stuck(play, line, actor)
+            for line in play.lines.values()
+            for actor in line.actors
+            if actor.step is not None
+        ),
+    )
 
 
 def left_behind(play: Play, one: Waiting) -> str:
@@ -42,7 +49,7 @@ def _left(play: Play, task: MessageRecord) -> str:
     return f"{_name(play, task.id)} has not ended: {_standing(play, task)}"
 
 
-# --- actions ---------------------------------------------------------------------------------------------------------
+# --- actions --------------------------------------------------------------------------------------
 
 
 def _step(play: Play, action: Action) -> str:
@@ -50,13 +57,20 @@ def _step(play: Play, action: Action) -> str:
     actor = line.actor
     assert actor is not None
     branch = actor.branches[action.index]
-    found = [f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, " for got in branch.decisions]
+    found = [
+        f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, "
+        for got in branch.decisions
+    ]
     return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
 
 
 def _hear(play: Play, action: Action) -> str:
     header, _ = play.inbox(action).under_way[0]
-    named = [header.delivery] if isinstance(header, headers.Deliver) else getattr(header, "deliveries", [])
+    named = (
+        [header.delivery]
+        if isinstance(header, headers.Deliver)
+        else getattr(header, "deliveries", [])
+    )
     return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
 
 
@@ -71,12 +85,18 @@ def _join(play: Play, action: Action) -> str:
         return f"{run.name} joins"
     if run.steps_joined == 1:
         return f"{run.name} registers its handlers"
-    return f"{run.name} is ready for {'a' if run.steps_joined == 2 else 'one more'} message at a time"
+    return (
+        f"{run.name} is ready for {'a' if run.steps_joined == 2 else 'one more'} message at a time"
+    )
 
 
 def _break(play: Play, action: Action) -> str:
     line = play.lines[action.name]
-    return f"{line.run.name} dies: connection {line.name} breaks" if line.run.is_alive else f"{line.name} breaks, too"
+    return (
+        f"{line.run.name} dies: connection {line.name} breaks"
+        if line.run.is_alive
+        else f"{line.name} breaks, too"
+    )
 
 
 def _time(play: Play, _: Action) -> str:
@@ -99,7 +119,9 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
     ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
-    ActionKind.KILL: lambda play, action: f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}",
+    ActionKind.KILL: lambda play, action: (
+        f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}"
+    ),
     ActionKind.SUSPEND: lambda play, action: (
         f"somebody suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
     ),
@@ -111,18 +133,24 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
 }
 
 
-# --- scripts ---------------------------------------------------------------------------------------------------------
+# --- scripts --------------------------------------------------------------------------------------
 
 
 def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
-    return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
+    return (
+        f"{line.run.name} in {_name(play, actor.task or actor.delivery)}"
+        if actor.delivery
+        else line.run.name
+    )
 
 
 def _doing(play: Play, actor: Actor, step: steps.Step | None) -> str:
     if isinstance(step, steps.Ask):
         declared = {message.name: message.message_class for message in step.declares}
         header = renamed(step.header, actor.real)
-        return _wording(play).request(header, step.body, declared.get(getattr(header, "message", "")))
+        return _wording(play).request(
+            header, step.body, declared.get(getattr(header, "message", ""))
+        )
     if isinstance(step, steps.Await):
         return _waiting(play, actor, step)
     if isinstance(step, steps.GiveUp):
@@ -164,8 +192,11 @@ def _wording(play: Play) -> RequestWording:
 
 def _standing(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [_wording(play).point(hold.constraint.before)
-             for hold in task.holds if not (hold.is_met or hold.constraint.delay)]  # fmt: skip
+    after = [
+        _wording(play).point(hold.constraint.before)
+        for hold in task.holds
+        if not (hold.is_met or hold.constraint.delay)
+    ]
     parts = [
         reached,
         f"failed: {task.failure}" if task.failure else "",

@@ -1,4 +1,6 @@
-"""Checks of a scenario's arguments where users write them, after the module library's: with a ScenarioError."""
+"""Checks of a scenario's arguments where users write them, after the module library's: with a
+ScenarioError.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -30,7 +30,9 @@ class RequestWording(Wording):
         return "it" if number == THIS else self._called(number)
 
     def request(self, header: Any, body: bytes, message_class: MessageClass | None) -> str:
-        """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message that it names."""
+        """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message
+        that it names.
+        """
         said = self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header)
         data = data_in_words(body)
         if isinstance(header, headers.Send):
@@ -111,17 +113,24 @@ _CALLS: dict[type, str | tuple[str, str, str]] = {
 }
 """The call of each request; or two calls, and the field that is set by the second."""
 
-CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one[:2]))
-"""The requests that a script can make. "send" stands for all that is sent: goal(), query(), inform(), monitor(), ..."""
+CALLS = tuple(
+    call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one[:2])
+)
+"""The requests that a script can make. "send" stands for all that is sent: goal(), query(),
+inform(), monitor(), ...
+"""
 
 
 def accepted(call: str, by: str = "") -> Predicate:
-    """With the last action: that central took what a script (of the module *by*) asked for by this call of the module
-    library: "kill", "retry", "on_termination", ...; "send" is a message of any class. What is refused, or comes too
-    late to change anything, is not accepted; a wait or a lock is accepted when it begins.
+    """With the last action: that central took what a script (of the module *by*) asked for by this
+    call of the module library: "kill", "retry", "on_termination", ...; "send" is a message of any
+    class. What is refused, or comes too late to change anything, is not accepted; a wait or a lock
+    is accepted when it begins.
     """
     if call not in CALLS:
-        raise ScenarioError(f"accepted() knows no call {call!r:.60}; {nearest_or_all(str(call), CALLS)}")
+        raise ScenarioError(
+            f"accepted() knows no call {call!r:.60}; {nearest_or_all(str(call), CALLS)}"
+        )
     if by:
         check("accepted()", checks.NAME, by=by)
     return _Accepted(call, by)

@@ -1,4 +1,6 @@
-"""The scripts of a scenario: plain functions that do what a module's handlers do, with the module library's calls."""
+"""The scripts of a scenario: plain functions that do what a module's handlers do, with the module
+library's calls.
+"""
 
 import inspect
 import re
@@ -12,7 +14,16 @@ from weakref import ref
 from msgspec.structs import replace
 
 from tca_module.checks import check_function
-from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.errors import (
+    LockLost,
+    QueryFailed,
+    Refused,
+    Stopped,
+    TaskFailed,
+    TaskKilled,
+    Timeout,
+    VariableNotSet,
+)
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued, failed
 from tca_module.sending.later_reply import LaterReply
@@ -40,11 +51,13 @@ from tca_wire.vocabulary import Refusal
 T = TypeVar("T")
 
 _OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
-"""Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
+"""Errors that a handler need not catch: it fails with them. All others are mistakes of the script's
+author.
+"""
 
 _BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
-"""Refusals because of something that happened meanwhile: a lost module takes its resources along. (That a scenario has
-no such resource at all is found out when it is asked for: see Exchange.)
+"""Refusals because of something that happened meanwhile: a lost module takes its resources along.
+(That a scenario has no such resource at all is found out when it is asked for: see Exchange.)
 """
 
 
@@ -56,8 +69,12 @@ class _Choices:
     def choose(self, *alternatives: T) -> T:
         """One of these: each is explored."""
         if not alternatives:
-            self._explored.end(ScenarioError("choose() has nothing to choose from: give it the alternatives"))
-        words = [re.sub(r" at 0x[0-9a-f]+", "", str(one)) for one in alternatives]  # memory differs from run to run
+            self._explored.end(
+                ScenarioError("choose() has nothing to choose from: give it the alternatives")
+            )
+        words = [
+            re.sub(r" at 0x[0-9a-f]+", "", str(one)) for one in alternatives
+        ]  # memory differs from run to run
         return alternatives[self._explored.decide(CHOOSE, words)]
 
     def hang(self) -> NoReturn:
@@ -65,8 +82,8 @@ class _Choices:
         self._explored.hang()
 
     def use_kept(self, message: Message[Any, Any], words: str = "") -> None:
-        """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they have begun.
-        *words* say how.
+        """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they
+        have begun. *words* say how.
         """
         self._explored.do(steps.UseKept(message.name, words))
 
@@ -85,15 +102,20 @@ class Script(_Choices, Sender):
 class Task(_Choices, ModuleTask):
     """The task of a handler: the module library's Task, and choices."""
 
-    def __init__(self, link: ScriptConnection, given: steps.Given, message: Message[Any, Any]) -> None:
-        delivery = headers.Deliver(steps.HERE, message.name, steps.OWN if given.is_task else ROOT, given.context)
+    def __init__(
+        self, link: ScriptConnection, given: steps.Given, message: Message[Any, Any]
+    ) -> None:
+        delivery = headers.Deliver(
+            steps.HERE, message.name, steps.OWN if given.is_task else ROOT, given.context
+        )
         ModuleTask.__init__(self, cast("Connection", link), delivery, message)
         self._accepts = given.accepts
         self._explored = link
 
     def keep_reply(self, later: LaterReply[Any], then: Callable[..., object]) -> None:
-        """Have the module keep a LaterReply that the handler returns, until another script calls ``use_kept``. Then
-        ``then(later, words)`` is called, after which nothing keeps it, unless that calls this again.
+        """Have the module keep a LaterReply that the handler returns, until another script calls
+        ``use_kept``. Then ``then(later, words)`` is called, after which nothing keeps it, unless
+        that calls this again.
         """
         self._explored.kept = later, then
 
@@ -112,11 +134,15 @@ class Task(_Choices, ModuleTask):
 class Program:
     """A script of the scenario: a function, and what it has been seen to do."""
 
-    def __init__(self, name: str, function: Callable[..., Any], message: Message[Any, Any] | None) -> None:
+    def __init__(
+        self, name: str, function: Callable[..., Any], message: Message[Any, Any] | None
+    ) -> None:
         self.name = name
         self.message = message  #: None: what a module does by itself
         self._function = function
-        self._arguments = _number_of_arguments(name, function, "(task, data)" if message else "(me)")
+        self._arguments = _number_of_arguments(
+            name, function, "(task, data)" if message else "(me)"
+        )
         self._beginnings: dict[steps.Given, steps.ScriptRun] = {}
         self._numbers = count()
 
@@ -145,7 +171,9 @@ class Program:
             self._called(link, life.given)
         return self._where(link.stopped)
 
-    def _explore(self, given: steps.Given, history: steps.History, decisions: steps.History) -> Iterable[steps.Branch]:
+    def _explore(
+        self, given: steps.Given, history: steps.History, decisions: steps.History
+    ) -> Iterable[steps.Branch]:
         if len(decisions) > MOST_DECISIONS:
             text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
@@ -159,8 +187,10 @@ class Program:
 
     def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
         """The script catches what is to end a run of it, and goes on."""
-        text = "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
+        text = (
+            "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
 'except Exception:' instead of 'except:' or 'except BaseException:'"
+        )
         if error is not None:
             text = f"{error}; it catches this, and goes on for ever"
         leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
@@ -172,7 +202,9 @@ class Program:
         except (StepReached, DecisionReached):
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
-            raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
+            raise ScenarioError(
+                f"{self._where(error)}: {_described(link.error or error)}"
+            ) from error
         if link.error is not None:  # and the script went on
             raise ScenarioError(f"{self._where(link.error)}: {link.error}")
         if isinstance(link.stopped, DecisionReached):
@@ -233,13 +265,17 @@ def _end(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | st
 
 
 def _described(error: BaseException) -> str:
-    known = isinstance(error, ExplorerError) or type(error).__module__.startswith(("tca_module", "tca_wire"))
+    known = isinstance(error, ExplorerError) or type(error).__module__.startswith(
+        ("tca_module", "tca_wire")
+    )
     return str(error) if known else repr(error)
 
 
 def _number_of_arguments(name: str, function: Callable[..., Any], wanted: str) -> int:
     with as_scenario_error():
-        number = check_function(f"the script of {name}", function, wanted, range(1, wanted.count(",") + 2))
+        number = check_function(
+            f"the script of {name}", function, wanted, range(1, wanted.count(",") + 2)
+        )
     if inspect.isgeneratorfunction(function):
         raise ScenarioError(f"the script of {name} is a generator: make it a plain function")
     return number

@@ -1,9 +1,11 @@
-"""The connection of a script to central: what the module library's own code talks to when a script calls it.
+"""The connection of a script to central: what the module library's own code talks to when a script
+calls it.
 
-A script is run anew from its start whenever it has got something back: the calls whose answers are known return them,
-and the first one whose answer is not there ends the run (``StepReached``). So a script that is half through is nothing
-but its data and what it got, which can be copied and compared. All that a task can do is the library's own code: only
-the connection under it is another one.
+A script is run anew from its start whenever it has got something back: the calls whose answers are
+known return them, and the first one whose answer is not there ends the run (``StepReached``). So a
+script that is half through is nothing but its data and what it got, which can be copied and
+compared. All that a task can do is the library's own code: only the connection under it is another
+one.
 """
 
 from collections import deque
@@ -31,7 +33,9 @@ CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
 """The decisions of a script without central: kinds of a Got."""
 
 MOST_CAUGHT = 10_000
-"""How often a script may go on after a run of it was ended: more often only one does that catches this and all else."""
+"""How often a script may go on after a run of it was ended: more often only one does that catches
+this and all else.
+"""
 
 MOST_DECISIONS = 100
 """Between two steps; a script that decides more often never takes one."""
@@ -48,7 +52,9 @@ _NOT_EXPLORED = {
 
 
 class StepReached(BaseException):
-    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
+    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script
+    catches it.
+    """
 
     def __init__(self, step: steps.Step) -> None:
         super().__init__(step)
@@ -127,7 +133,9 @@ class ScriptConnection:
     """One run of a script up to the end of what it has got."""
 
     def __init__(
-        self, history: steps.History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None
+        self,
+        history: steps.History,
+        on_caught: Callable[[ScenarioError | None], NoReturn] | None = None,
     ) -> None:
         # central is never restarted here: nothing is kept for that, no number marked
         attachments = SimpleNamespace(of=lambda _: None)
@@ -146,7 +154,9 @@ class ScriptConnection:
         self._news: deque[Callable[[], None]] = deque()
         self.call_soon = self._news.append  #: a function, for ``hear_threads``
         self._owed: Any = None  #: the reply that was left to others
-        self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
+        self.stopped: StepReached | DecisionReached | None = (
+            None  #: where the run ended, or shall end
+        )
         self.error: ScenarioError | None = None  #: the call that can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
         self._sends = TaskSends()
@@ -164,9 +174,13 @@ class ScriptConnection:
 
     def refuse(self, call: str) -> NoReturn:
         """A script can't do that."""
-        self.end(ScenarioError(f"{call} is not explored: leave it out of the scenario, or model what it does"))
+        self.end(
+            ScenarioError(
+                f"{call} is not explored: leave it out of the scenario, or model what it does"
+            )
+        )
 
-    # --- the run -----------------------------------------------------------------------------------------------------
+    # --- the run ----------------------------------------------------------------------------------
 
     def do(self, step: steps.Step) -> steps.Got:
         """Take a step: what it got, or the end of this run."""
@@ -203,7 +217,11 @@ class ScriptConnection:
         return got
 
     def _refuse_change(self) -> NoReturn:
-        self.end(ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments"))
+        self.end(
+            ScenarioError(
+                "it does not do the same when it is run again: it may use nothing but its arguments"
+            )
+        )
 
     def end(self, error: ScenarioError) -> NoReturn:
         """End the script with this error: it can't be played."""
@@ -252,13 +270,15 @@ class ScriptConnection:
         if got.is_woken:
             self._be_woken(got, what)
 
-    # --- replies that are owed: see tca_module/sending/later_reply.py -------------------------------------------------
+    # --- replies that are owed: see tca_module/sending/later_reply.py -----------------------------
 
     def check_process(self) -> None:
         """No script forks."""
 
     def hear_threads(self) -> None:
-        """Do what was asked for with ``call_soon``: before the next step; never, if this run has ended."""
+        """Do what was asked for with ``call_soon``: before the next step; never, if this run has
+        ended.
+        """
         while self._news:
             self._news.popleft()()
 
@@ -269,9 +289,10 @@ class ScriptConnection:
     def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
         """The reply that is owed, once it is given.
 
-        A LaterReply that nothing keeps is dropped, and says so with ``call_soon``, at the same place of each run: the
-        frames of the script are gone, and CPython ends at once what nothing refers to. What lives on is kept elsewhere,
-        or by a circle of references, which CPython may look for at any time: both are refused.
+        A LaterReply that nothing keeps is dropped, and says so with ``call_soon``, at the same
+        place of each run: the frames of the script are gone, and CPython ends at once what nothing
+        refers to. What lives on is kept elsewhere, or by a circle of references, which CPython may
+        look for at any time: both are refused.
         """
         self.hear_threads()
         if self._owed is None and self.kept is None and self.left() is not None:
@@ -290,14 +311,18 @@ class ScriptConnection:
         return _checked(self.do(self._ask(header, body)), what).id
 
     def send_task(self, header: Any, body: bytes, what: str) -> TaskId:
-        """Send a task; central's word is there at once, and an error is raised as soon as the script goes on with it,
-        or with anything else.
+        """Send a task; central's word is there at once, and an error is raised as soon as the
+        script goes on with it, or with anything else.
         """
         got = self.do(self._ask(header, body))
         if got.refusal is None:
             return got.id
         request = Request(header, body, wants_answer=False)
-        request.what, request.refused, request.is_over = what, headers.Refused(0, got.refusal, got.text), True
+        request.what, request.refused, request.is_over = (
+            what,
+            headers.Refused(0, got.refusal, got.text),
+            True,
+        )
         self._sends.add(request)
         return TaskId(SentId(self, request))
 
@@ -317,7 +342,12 @@ class ScriptConnection:
         self.do(self._ask(header, body, is_told=True))
 
     def request(
-        self, header: Any, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+        self,
+        header: Any,
+        body: bytes = b"",
+        *,
+        wants_answer: bool = False,
+        is_awaited: bool = False,
     ) -> ScriptRequest:
         """Ask something."""
         del is_awaited
@@ -328,9 +358,15 @@ class ScriptConnection:
         return ScriptRequest(self, self._requests - 1)
 
     def wait(
-        self, request: ScriptRequest, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+        self,
+        request: ScriptRequest,
+        timeout: float | None,
+        what: str,
+        is_over: Callable[[], bool] | None = None,
     ) -> bool:
-        """Wait for an answer. The time that a query waits unless said otherwise is taken as endless."""
+        """Wait for an answer. The time that a query waits unless said otherwise is taken as
+        endless.
+        """
         seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
         if is_over is not None and seconds is not None:
             self.refuse("multi_query(timeout=...)")
@@ -349,7 +385,9 @@ class ScriptConnection:
 
     answered = Connection.answered
 
-    def _be_woken(self, got: steps.Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
+    def _be_woken(
+        self, got: steps.Got, what: str, request: ScriptRequest | None = None
+    ) -> NoReturn:
         self._is_told = True
         if request is not None:
             if got.answer is None and got.refusal is None:
@@ -383,9 +421,13 @@ class ScriptConnection:
         return not request.taken
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the script has been told to end, by a kill or its module; once told, it stays so."""
+        """Whether the script has been told to end, by a kill or its module; once told, it stays
+        so.
+        """
         del delivery
-        self._is_told = self._is_told or bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        self._is_told = self._is_told or bool(
+            self.decide(CANCELLED, ("not cancelled", "cancelled"))
+        )
         return self._is_told
 
     def is_suspended(self, delivery: int) -> bool:
@@ -403,7 +445,9 @@ class ScriptConnection:
         """Time does not pass for a script."""
         return 0.0
 
-    def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> steps.Ask:
+    def _ask(
+        self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False
+    ) -> steps.Ask:
         self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
         return steps.Ask(header, body, declares, wants_answer, is_told)
@@ -411,5 +455,7 @@ class ScriptConnection:
 
 def _checked(got: steps.Got, what: object) -> steps.Got:
     if got.refusal is not None:
-        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(str(what), got.refusal, got.text)
+        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(
+            str(what), got.refusal, got.text
+        )
     return got

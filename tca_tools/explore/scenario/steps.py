@@ -1,7 +1,8 @@
 """The next steps of a script, and the answers that it got to earlier ones: its life.
 
-Tasks are named by their place in the script, not by central's ids, so that what a script does next depends on nothing
-but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` the first other one that it heard of.
+Tasks are named by their place in the script, not by central's ids, so that what a script does next
+depends on nothing but its data and what it got: ``OWN`` is the task that it handles, ``known(0)``
+the first other one that it heard of.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +25,9 @@ HERE = 1
 
 
 def known(place: int) -> TaskId:
-    """The name of the task, exception handler or wiretap that a script heard of as number *place* (0, 1, ...)."""
+    """The name of the task, exception handler or wiretap that a script heard of as number *place*
+    (0, 1, ...).
+    """
     return TaskId(-3 - place)
 
 
@@ -54,19 +57,23 @@ class Ask(_Step, frozen=True):
     @property
     def kind(self) -> str:
         """The header and data of a request, as a text to compare."""
-        return f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
+        return (
+            f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
+        )
 
 
 class Await(_Step, frozen=True):
-    """Wait for an answer to the request that was made as number *request*, for so many seconds if not for ever."""
+    """Wait for an answer to the request that was made as number *request*, for so many seconds if
+    not for ever.
+    """
 
     request: int
     seconds: float | None = None
 
 
 class ReadWish(_Step, frozen=True):
-    """Read the next thing that a client wants of the script's task, if there is one; or wait for it, so many seconds
-    if not for ever.
+    """Read the next thing that a client wants of the script's task, if there is one; or wait for
+    it, so many seconds if not for ever.
     """
 
     waits: bool = False
@@ -106,7 +113,9 @@ class Hang(_Step, frozen=True):
 
 
 class Owe(_Step, frozen=True):
-    """The handler has returned, and its module keeps the reply that it owes until another script speaks of that."""
+    """The handler has returned, and its module keeps the reply that it owes until another script
+    speaks of that.
+    """
 
 
 class UseKept(_Step, frozen=True):
@@ -120,7 +129,9 @@ Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang | Owe | Use
 
 
 class Got(msgspec.Struct, frozen=True):
-    """The result of a step of that kind, or the script's decision (*kind* "choose", ...: *choice*)."""
+    """The result of a step of that kind, or the script's decision (*kind* "choose", ...:
+    *choice*).
+    """
 
     kind: str
     refusal: Refusal | None = None
@@ -137,7 +148,8 @@ class Got(msgspec.Struct, frozen=True):
     """The latter."""
     choice: int = 0
     words: str = ""
-    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*); of a kept reply:
+    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*);
+    of a kept reply:
     what another script says of it.
     """
 
@@ -172,8 +184,8 @@ class Given(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True, eq=False)
 class ScriptRun:
-    """The input of a script and all that it has got since, the newest here. Equal lives are the same object, so that
-    one more thing costs the same after however many.
+    """The input of a script and all that it has got since, the newest here. Equal lives are the
+    same object, so that one more thing costs the same after however many.
     """
 
     given: Given

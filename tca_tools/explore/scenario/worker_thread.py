@@ -1,5 +1,5 @@
-"""Work in a thread of its own, for it runs functions of the user's. One that catches whatever is raised in it, and goes
-on, can't be ended by an error: it is left behind in that thread, asleep.
+"""Work in a thread of its own, for it runs functions of the user's. One that catches whatever is
+raised in it, and goes on, can't be ended by an error: it is left behind in that thread, asleep.
 """
 
 import threading

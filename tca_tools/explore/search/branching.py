@@ -1,4 +1,6 @@
-"""The causes of many states in a scenario: actions that may happen beside others, by their source."""
+"""The causes of many states in a scenario: actions that may happen beside others, by their
+source.
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -33,7 +35,9 @@ _SOURCES = {
 
 
 class Branching:
-    """Counts, over the states that were gone on from, in how many each thing could happen beside others."""
+    """Counts, over the states that were gone on from, in how many each thing could happen beside
+    others.
+    """
 
     def __init__(self) -> None:
         self._states = 0
@@ -67,4 +71,6 @@ def _due(play: Play) -> str:
     if timer is None or timer.time != play.next_time:
         return "timeouts of scripts"
     task = getattr(timer.subject, "task", None)
-    return _TIMES.get(timer.due, "time").format(f"'{task.message.name}'" if task is not None else "tasks")
+    return _TIMES.get(timer.due, "time").format(
+        f"'{task.message.name}'" if task is not None else "tasks"
+    )

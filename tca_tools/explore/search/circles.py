@@ -1,12 +1,14 @@
 """Runs that go on for ever: what never happens in them, and who waits in them for ever.
 
-There are finitely many states, so a run that goes on for ever goes round in a circle among some of them. A circle
-counts if it is *fair*: nothing that can happen all the time, and must happen some time, is left out of it for ever. A
-set of states that all lead to each other has a fair circle unless something can happen in each of its states and does
-so on no way inside it; then no part of it has one either.
+There are finitely many states, so a run that goes on for ever goes round in a circle among some of
+them. A circle counts if it is *fair*: nothing that can happen all the time, and must happen some
+time, is left out of it for ever. A set of states that all lead to each other has a fair circle
+unless something can happen in each of its states and does so on no way inside it; then no part of
+it has one either.
 
-A property is *owed* in some states: the circles are among those. What *waits* is followed from state to state
-(Way.carried): the circles are those round which the same task, or script, waits for the same thing.
+A property is *owed* in some states: the circles are among those. What *waits* is followed from
+state to state (Way.carried): the circles are those round which the same task, or script, waits for
+the same thing.
 """
 
 from collections import deque
@@ -20,7 +22,9 @@ from tca_tools.explore.search.states import SearchState, Violation, Way, replaye
 from tca_tools.properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
-"""Something that happens some time if it can all the time: a script goes on, a module joins, time passes."""
+"""Something that happens some time if it can all the time: a script goes on, a module joins, time
+passes.
+"""
 
 
 class _Node(NamedTuple):
@@ -38,14 +42,18 @@ class _Edge(NamedTuple):
 Graph = dict[_Node, list[_Edge]]
 
 
-def judge(scenario: Scenario, properties: Iterable[Property], states: list[SearchState]) -> Violation | None:
-    """The first property that is not true of runs that never end, shown by one of them. *states* are all there are,
-    nearest first.
+def judge(
+    scenario: Scenario, properties: Iterable[Property], states: list[SearchState]
+) -> Violation | None:
+    """The first property that is not true of runs that never end, shown by one of them. *states*
+    are all there are, nearest first.
     """
     places = {id(state): place for place, state in enumerate(states)}
     for number, one in enumerate(properties):
         is_stuck = isinstance(one, NeverStuck)
-        circle = _fair_circle(_waits(states, places) if is_stuck else _owed(states, places, number, one), states)
+        circle = _fair_circle(
+            _waits(states, places) if is_stuck else _owed(states, places, number, one), states
+        )
         if circle is None:
             continue
         start, ways = circle
@@ -53,24 +61,39 @@ def judge(scenario: Scenario, properties: Iterable[Property], states: list[Searc
         if is_stuck:
             play = replayed(scenario, states[start.state])
             why = f"this can go on for ever, and all the while:\n{left_behind(play, waiting(play)[start.waits])}"
-        return Violation(str(one), why, states[start.state].actions(), tuple(way.action for way in ways))
+        return Violation(
+            str(one), why, states[start.state].actions(), tuple(way.action for way in ways)
+        )
     return None
 
 
 def _owed(states: list[SearchState], places: dict[int, int], number: int, one: Property) -> Graph:
     """The states in which a property is owed, and the ways between them."""
-    nodes = {_Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])}
-    return {node: [_Edge(way, to) for way in states[node.state].ways if (to := _Node(places[id(way.to)])) in nodes]
-            for node in nodes}  # fmt: skip
+    nodes = {
+        _Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])
+    }
+    return {
+        node: [
+            _Edge(way, to)
+            for way in states[node.state].ways
+            if (to := _Node(places[id(way.to)])) in nodes
+        ]
+        for node in nodes
+    }
 
 
 def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
     """The waiters in each state, and the ways after which they still wait."""
     return {
-        _Node(place, one): [_Edge(way, _Node(places[id(way.to)], way.carried[one])) for way in state.ways
-                            if way.carried[one] >= 0]
-        for place, state in enumerate(states) if state.ways for one in range(len(state.ways[0].carried))
-    }  # fmt: skip
+        _Node(place, one): [
+            _Edge(way, _Node(places[id(way.to)], way.carried[one]))
+            for way in state.ways
+            if way.carried[one] >= 0
+        ]
+        for place, state in enumerate(states)
+        if state.ways
+        for one in range(len(state.ways[0].carried))
+    }
 
 
 def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
@@ -94,7 +117,9 @@ def _possible(state: SearchState) -> set[Fair]:
 
 
 def _strongly_connected(graph: Graph) -> list[set[_Node]]:
-    """The largest sets of nodes that all lead to each other (Tarjan's algorithm, without recursion)."""
+    """The largest sets of nodes that all lead to each other (Tarjan's algorithm, without
+    recursion).
+    """
     found: list[set[_Node]] = []
     number: dict[_Node, int] = {}
     low: dict[_Node, int] = {}
@@ -131,8 +156,13 @@ def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
-        for step in _path(inside, here, lambda step, out=left_out: bool(  # type: ignore[misc]
-                out - _possible(states[step.to.state]) or _fair(step.way.action) in out)):  # fmt: skip
+        for step in _path(
+            inside,
+            here,
+            lambda step, out=left_out: bool(  # type: ignore[misc]
+                out - _possible(states[step.to.state]) or _fair(step.way.action) in out
+            ),
+        ):
             ways.append(step.way)
             here = step.to
             left_out = (left_out & _possible(states[here.state])) - {_fair(step.way.action)}

@@ -1,4 +1,6 @@
-"""Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest run that does."""
+"""Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest
+run that does.
+"""
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -28,10 +30,14 @@ LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
 
 KEPT_BYTES = 256 << 20
-"""How much the snapshots of states yet to be left may hold; what has none is played again from the start."""
+"""How much the snapshots of states yet to be left may hold; what has none is played again from the
+start.
+"""
 
 KEPT_PLAYS = 500
-"""How many states keep their play itself: going on from it costs no copy, but it takes ten times the room."""
+"""How many states keep their play itself: going on from it costs no copy, but it takes ten times
+the room.
+"""
 
 WATCHED_EVERY = 32
 """States that are gone on from between one call of *watch* and the next."""
@@ -41,13 +47,19 @@ Check = Callable[[Central], None] | None
 
 
 def explore(
-    scenario: Scenario, *properties: Property, limit: int = LIMIT, watch: Watch = None, check: Check = None
+    scenario: Scenario,
+    *properties: Property,
+    limit: int = LIMIT,
+    watch: Watch = None,
+    check: Check = None,
 ) -> Result:
-    """Explore every run of *scenario*, until something is found that must not be, or *limit* states were seen.
+    """Explore every run of *scenario*, until something is found that must not be, or *limit* states
+    were seen.
 
-    Checks the properties of the scenario and these further *properties*. *watch* is called from time to time with the
-    number of states that were seen, and of those still to be left. *check*, for tests of central itself, is called with
-    it in each new state, and raises AssertionError. Raises ScenarioError if a script can't be played.
+    Checks the properties of the scenario and these further *properties*. *watch* is called from
+    time to time with the number of states that were seen, and of those still to be left. *check*,
+    for tests of central itself, is called with it in each new state, and raises AssertionError.
+    Raises ScenarioError if a script can't be played.
     """
     if is_compiled():
         raise ExplorerError(
@@ -95,8 +107,12 @@ class _Exploration:
         self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
-        self.used = set(self.scenario.messages())  #: the messages that are handled, or were used so far
-        self.without_case = set(range(len(self.properties)))  #: the properties of which there was nothing to judge yet
+        self.used = set(
+            self.scenario.messages()
+        )  #: the messages that are handled, or were used so far
+        self.without_case = set(
+            range(len(self.properties))
+        )  #: the properties of which there was nothing to judge yet
 
     def run(self) -> Result:
         """All states, nearest first; then the circles, if there are any."""
@@ -113,11 +129,22 @@ class _Exploration:
             violation = self._go_round(states)
         if is_complete:
             _check_message_names(self.scenario, self.properties, self.used)
-        vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
+        vacuous = (
+            [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
+        )
         said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
-        return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
-                      said_nothing, {key: state.actions() for key, state in self.outcomes.items()},
-                      self.branching.most())  # fmt: skip
+        return Result(
+            self.scenario,
+            len(self.known),
+            self.steps,
+            self.ends,
+            longest,
+            is_complete,
+            violation,
+            said_nothing,
+            {key: state.actions() for key, state in self.outcomes.items()},
+            self.branching.most(),
+        )
 
     def _go_round(self, states: list[SearchState]) -> Violation | None:
         """Some runs go on for ever: judge what never happens in them."""
@@ -142,7 +169,9 @@ class _Exploration:
         if len(actions) > 1:
             self._save(state, play)
         for action in actions:
-            violation = self._take(state, action, play if action is actions[-1] else self._play_of(state))
+            violation = self._take(
+                state, action, play if action is actions[-1] else self._play_of(state)
+            )
             if violation is not None:
                 return violation
         if state.snapshot is not None:
@@ -151,7 +180,11 @@ class _Exploration:
         return None
 
     def _play_of(self, state: SearchState) -> Play:
-        return self.snapshots.load(state.snapshot) if state.snapshot is not None else replayed(self.scenario, state)
+        return (
+            self.snapshots.load(state.snapshot)
+            if state.snapshot is not None
+            else replayed(self.scenario, state)
+        )
 
     def _take(self, state: SearchState, action: Action, play: Play) -> Violation | None:
         self.steps += 1
@@ -163,10 +196,16 @@ class _Exploration:
         return self._arrive(state, action, play, waited)
 
     def _arrive(
-        self, before: SearchState | None, action: Action | None, play: Play, waited: Sequence[Waiting] = ()
+        self,
+        before: SearchState | None,
+        action: Action | None,
+        play: Play,
+        waited: Sequence[Waiting] = (),
     ) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
-        state = SearchState(before, action, before.memories if before else (0,) * len(self.properties))
+        state = SearchState(
+            before, action, before.memories if before else (0,) * len(self.properties)
+        )
         if play.broken:
             return Violation("what central promises", play.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
@@ -205,10 +244,14 @@ class _Exploration:
         for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:
                 remembered, breach = one.seen(world, memory)
-                if number in self.without_case and (one.case is None or world.true_of(one.case).is_true):
+                if number in self.without_case and (
+                    one.case is None or world.true_of(one.case).is_true
+                ):
                     self.without_case.discard(number)
             except Exception as error:
-                raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error
+                raise ScenarioError(
+                    f"property '{one}' can't be asked: {type(error).__name__}: {error}"
+                ) from error
             if breach:
                 return Violation(str(one), breach_in_words(breach), state.actions())
             memories.append(remembered)
@@ -216,7 +259,9 @@ class _Exploration:
         return None
 
     def _look_at_time(self) -> None:
-        """A property looks at how long the run has lasted: that is part of the state then, from the beginning."""
+        """A property looks at how long the run has lasted: that is part of the state then, from the
+        beginning.
+        """
         if not self.detail.time:
             raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
 
@@ -231,7 +276,9 @@ class _Exploration:
                 left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
                 breach = f"and it never did{left}"
             if breach:
-                return Violation(str(one), f"nothing further need happen, {breach}", state.actions())
+                return Violation(
+                    str(one), f"nothing further need happen, {breach}", state.actions()
+                )
         return None
 
 
@@ -249,7 +296,7 @@ def _longest_way(states: list[SearchState]) -> int | None:
     return max(length.values()) if len(ready) == len(states) else None
 
 
-# --- names: of a wrong one everything would hold, and nobody would hear of it ----------------------------------------
+# --- names: of a wrong one everything would hold, and nobody would hear of it ---------------------
 
 
 def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
@@ -257,15 +304,28 @@ def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> N
     for one in properties:
         for named in one.named:
             if named.module and named.module.partition("#")[0] not in scenario.modules:
-                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
-                                    f"{nearest_or_all(named.module, scenario.modules)}")  # fmt: skip
+                raise ScenarioError(
+                    f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                    f"{nearest_or_all(named.module, scenario.modules)}"
+                )
 
 
-def _check_message_names(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
-    """Raise ScenarioError for the name of a message that is not among all that are handled or *used*."""
+def _check_message_names(
+    scenario: Scenario, properties: Iterable[Property], used: Collection[str]
+) -> None:
+    """Raise ScenarioError for the name of a message that is not among all that are handled or
+    *used*.
+    """
     others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
-    missing = [f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)]
-    missing += [f"{call}: {_missing(name, used)}" for call, names in others for name in names if name not in used]
+    missing = [
+        f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)
+    ]
+    missing += [
+        f"{call}: {_missing(name, used)}"
+        for call, names in others
+        for name in names
+        if name not in used
+    ]
     if missing:
         raise ScenarioError(f"it can't be judged: {missing[0]}")
 

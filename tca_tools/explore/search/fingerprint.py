@@ -1,9 +1,10 @@
 """The fingerprint of a state: everything that can influence what happens next.
 
-The objects of central and of the scripts are walked from the task tree on and numbered as they are met, ids (see
-identifiers.py) too, so two states are equal if they differ in ids only. *Everything* that an object holds is taken in,
-except what IGNORED lists with its reason. Taking in too much costs states that could have been one; leaving out too
-much would leave runs unexplored. Times are relative to now: a period comes to the same state again.
+The objects of central and of the scripts are walked from the task tree on and numbered as they are
+met, ids (see identifiers.py) too, so two states are equal if they differ in ids only. *Everything*
+that an object holds is taken in, except what IGNORED lists with its reason. Taking in too much
+costs states that could have been one; leaving out too much would leave runs unexplored. Times are
+relative to now: a period comes to the same state again.
 """
 
 from collections import deque
@@ -95,21 +96,29 @@ OF_LAST_ACTION = {"is_over", "is_new", "is_retried", "has_fired"}
 
 
 class Detail(msgspec.Struct, frozen=True):
-    """Details that tell states apart though the same happens next: only where somebody needs them."""
+    """Details that tell states apart though the same happens next: only where somebody needs
+    them.
+    """
 
     time: bool = False
     """How long the run has lasted: properties look at it."""
     names: bool = False
-    """Which slot has what, and which message is older: who is who can be followed from state to state."""
+    """Which slot has what, and which message is older: who is who can be followed from state to
+    state.
+    """
 
 
-def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[bytes, tuple[int, ...]]:
-    """The fingerprint, a digest that differs from those of other states; and the messages under way in an order that is
-    that of all equal states. *memories* are what properties remember.
+def recognised(
+    play: Play, memories: Iterable[int], detail: Detail
+) -> tuple[bytes, tuple[int, ...]]:
+    """The fingerprint, a digest that differs from those of other states; and the messages under way
+    in an order that is that of all equal states. *memories* are what properties remember.
     """
     walk = _Walk(play.rivals, play.now)
     central = play.central
-    for name, siblings in _by_name(central.tree.top_of_module):  # so that the order between modules does not show
+    for name, siblings in _by_name(
+        central.tree.top_of_module
+    ):  # so that the order between modules does not show
         walk.add(name)
         walk.add(list(siblings.values()))
     walk.add(central)
@@ -123,7 +132,9 @@ def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[byt
 
 def _by_name(things: dict[Module | None, T]) -> list[tuple[str, T]]:
     """What modules have, by their names; of namesakes the older first."""
-    return sorted(((one.name if one else "", thing) for one, thing in things.items()), key=itemgetter(0))
+    return sorted(
+        ((one.name if one else "", thing) for one, thing in things.items()), key=itemgetter(0)
+    )
 
 
 class _Walk:
@@ -137,7 +148,9 @@ class _Walk:
         self._names: dict[tuple[type, int], int] = {}  #: of marks
         self._unseen: deque[object] = deque()
         self._later: list[Iterable[Any]] = []  #: containers without order
-        self._ranks: dict[int, list[tuple[int, int]]] = {}  #: by group of rivals: (arrival, place in _out)
+        self._ranks: dict[
+            int, list[tuple[int, int]]
+        ] = {}  #: by group of rivals: (arrival, place in _out)
 
     def add(self, value: Any) -> None:
         """Write down a value; an object by its number, and what it holds when its turn comes."""
@@ -172,7 +185,9 @@ class _Walk:
                 self._look_at(self._unseen.popleft())
             if self._later:
                 things = self._later.pop(0)
-                known = sorted(self._numbers[id(thing)] for thing in things if id(thing) in self._numbers)
+                known = sorted(
+                    self._numbers[id(thing)] for thing in things if id(thing) in self._numbers
+                )
                 self._out += _KNOWN, len(known), *known
                 for thing in things:
                     self.number_of(thing)
@@ -192,7 +207,7 @@ class _Walk:
             else:
                 add(value)
 
-    # --- values ------------------------------------------------------------------------------------------------------
+    # --- values -----------------------------------------------------------------------------------
 
     def add_struct(self, value: msgspec.Struct) -> None:
         self._out.append(type(value).__name__)
@@ -212,10 +227,12 @@ class _Walk:
             self.add(key)
             self.add(value)
 
-    # --- attributes that are not what they seem ----------------------------------------------------------------------
+    # --- attributes that are not what they seem ---------------------------------------------------
 
     def add_rank(self, delivery: Any, arrival: int) -> None:
-        """Only the order of arrivals matters, and only among those that may wait in the same queue."""
+        """Only the order of arrivals matters, and only among those that may wait in the same
+        queue.
+        """
         group = self._rivals.get(delivery.message.name, -1)
         self._ranks.setdefault(group, []).append((arrival, len(self._out)))
         self._out.append(arrival > 0)
@@ -237,7 +254,7 @@ class _Walk:
         else:  # nothing looks at all tasks under the root in their order
             self.add_unordered(task, children or {})
 
-    # --- time --------------------------------------------------------------------------------------------------------
+    # --- time -------------------------------------------------------------------------------------
 
     def add_time(self, _: object, time: float | None) -> None:
         self._out.append(None if time is None else round(time - self._now, _DIGITS))
@@ -252,11 +269,17 @@ class _Walk:
     def add_phase(self, watch: Any, since: float) -> None:
         """Add how much of a monitor's period is over."""
         period = watch.options.period
-        passed = round((self._now - since) % period, _DIGITS) if watch.began is not None and period else 0.0
+        passed = (
+            round((self._now - since) % period, _DIGITS)
+            if watch.began is not None and period
+            else 0.0
+        )
         self.add(0.0 if passed == round(period, _DIGITS) else passed)
 
     def add_attachment(self, _: object, attached: Any) -> None:
-        """An attachment that may have been removed since: its place among the others is by its age."""
+        """An attachment that may have been removed since: its place among the others is by its
+        age.
+        """
         self.add(attached)
         place = attached.place
         self._out.append(sum(other.id < attached.id for other in place.attached))
@@ -269,7 +292,10 @@ class _Walk:
             written = msgspec.msgpack.encode(self._out)
         except OverflowError:  # MessagePack has no longer integers
             written = msgspec.msgpack.encode(
-                [hex(one) if type(one) is int and one.bit_length() > _WIDEST else one for one in self._out]
+                [
+                    hex(one) if type(one) is int and one.bit_length() > _WIDEST else one
+                    for one in self._out
+                ]
             )
         return blake2b(written, digest_size=16).digest()
 
@@ -278,7 +304,12 @@ _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for 
 """Marks that no value looks like."""
 
 _PLAIN = frozenset((str, bytes, bool, int, float, type(None)))
-_EMPTY: dict[type, tuple[Any, int]] = {list: (_LIST, 0), tuple: (_LIST, 0), deque: (_LIST, 0), dict: (_DICT, 0)}
+_EMPTY: dict[type, tuple[Any, int]] = {
+    list: (_LIST, 0),
+    tuple: (_LIST, 0),
+    deque: (_LIST, 0),
+    dict: (_DICT, 0),
+}
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _WIDEST = 63  # bits of an integer
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
@@ -290,7 +321,9 @@ _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((list, tuple, deque), _Walk.add_list),
     ((dict,), _Walk.add_dict),
 )
-"""How a value of one of those classes is written down: the first that fits. All else is a thing with a number."""
+"""How a value of one of those classes is written down: the first that fits. All else is a thing
+with a number.
+"""
 
 
 def _add_thing(walk: _Walk, value: object) -> None:
@@ -306,14 +339,18 @@ def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
 Write = Callable[[_Walk, Any, Any], None]
 
 SPECIAL: dict[tuple[str, str], Write] = {
-    ("TaskTree", "last_of_module"): lambda walk, _, tasks: walk.add(  # flags do not refer to ended tasks
-        [(name, task) for name, task in _by_name(tasks) if task.reached != ALL_MOMENTS]
+    ("TaskTree", "last_of_module"): lambda walk, _, tasks: (
+        walk.add(  # flags do not refer to ended tasks
+            [(name, task) for name, task in _by_name(tasks) if task.reached != ALL_MOMENTS]
+        )
     ),
     ("TaskTree", "top_of_module"): lambda walk, _, siblings: walk.add(_by_name(siblings)),
     ("Task", "children"): _Walk.add_children,
     ("Delivery", "arrival"): _Walk.add_rank,
     ("Tapping", "fired"): lambda walk, _, taps: walk.add(sorted(taps.items())),
-    ("Tapping", "listeners"): lambda walk, _, tasks: walk.add([one for one in tasks if one.reached != ALL_MOMENTS]),
+    ("Tapping", "listeners"): lambda walk, _, tasks: walk.add(
+        [one for one in tasks if one.reached != ALL_MOMENTS]
+    ),
     ("FailureContext", "attached"): _Walk.add_attachment,
     ("PendingKill", "verdict"): lambda walk, _, verdict: walk.add([verdict.why, verdict.by]),
     ("Watch", "timers"): lambda walk, _, timers: walk.add(
@@ -322,7 +359,9 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Watch", "began"): lambda walk, _, began: walk.add(began is None),
     ("Watch", "since"): _Walk.add_phase,
     ("Watch", "count"): lambda walk, watch, count: walk.write(count % watch.options.fire_every),
-    ("Watch", "fires"): lambda walk, watch, fires: walk.write(fires if watch.options.maximum else 0),
+    ("Watch", "fires"): lambda walk, watch, fires: walk.write(
+        fires if watch.options.maximum else 0
+    ),
     ("Timer", "time"): _Walk.add_time,
     ("Clock", "_queue"): _Walk.add_due,
     ("Registry", "modules"): _Walk.add_unordered,
@@ -330,24 +369,41 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Module", "connections"): _Walk.add_unordered,
     ("Resource", "slots"): _Walk.add_unordered_keys,
     ("Resource", "_queue"): lambda walk, resource, _: walk.add(resource.in_line()),
-    ("Dispatcher", "running"): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
+    (
+        "Dispatcher",
+        "running",
+    ): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
 }
-"""By class and attribute: of what only a part, or not the order, can influence what happens next."""
+"""By class and attribute: of what only a part, or not the order, can influence what happens
+next.
+"""
 
 
 @cache
-def _attributes(kind: type, names: tuple[str, ...]) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
-    """The getter of the attributes to look at, in slots and of these *names*, and the way each is written down."""
-    assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
+def _attributes(
+    kind: type, names: tuple[str, ...]
+) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
+    """The getter of the attributes to look at, in slots and of these *names*, and the way each is
+    written down.
+    """
+    assert not issubclass(kind, _CONTAINERS), (
+        f"of a {kind.__name__} nothing but its class would be taken in"
+    )
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
-    wanted = [name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)]
+    wanted = [
+        name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)
+    ]
     special = {name: write for (one, name), write in SPECIAL.items() if one in kinds}
-    fetch = attrgetter(*wanted) if len(wanted) > 1 else lambda thing: [getattr(thing, name) for name in wanted]
+    fetch = (
+        attrgetter(*wanted)
+        if len(wanted) > 1
+        else lambda thing: [getattr(thing, name) for name in wanted]
+    )
     return fetch, tuple(special.get(name) for name in wanted)
 
 
-# --- the modules' side, and what properties see ----------------------------------------------------------------------
+# --- the modules' side, and what properties see ---------------------------------------------------
 
 
 def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
@@ -355,21 +411,53 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
         run = play.runs[name]
         walk.add([name, run.steps_joined, len(run.first), run.is_alive, run.is_leaving])
         connections = play.central.registry.connections
-        lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
+        lines = [
+            (walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines
+        ]
         for number, line in sorted(lines, key=itemgetter(0)):
-            walk.add([number, line.name if detail.names or play.scenario.has_messages_ahead else len(line.actors)])
+            walk.add(
+                [
+                    number,
+                    line.name
+                    if detail.names or play.scenario.has_messages_ahead
+                    else len(line.actors),
+                ]
+            )
             for actor in line.actors:
                 _add_actor(walk, actor, has_begun=actor in line.stack)
             if line.inbox is not None:
                 walk.add(line.inbox.state)
-    walk.add([*play.losses.values(), *play.kills.values(), *play.suspensions.values(), *play.suspended.values()])
+    walk.add(
+        [
+            *play.losses.values(),
+            *play.kills.values(),
+            *play.suspensions.values(),
+            *play.suspended.values(),
+        ]
+    )
     walk.add(sorted(play.lived.items()))
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
-    walk.add([has_begun, actor.program.name, actor.life.number, actor.delivery, actor.number, actor.step is None,
-              actor.is_told, actor.was_told, actor.knows, actor.is_ending, actor.knows_end, actor.suspended[-1],
-              len(set(actor.suspended)), *actor.known, list(actor.uses)])  # fmt: skip
+    walk.add(
+        [
+            has_begun,
+            actor.program.name,
+            actor.life.number,
+            actor.delivery,
+            actor.number,
+            actor.step is None,
+            actor.is_told,
+            actor.was_told,
+            actor.knows,
+            actor.is_ending,
+            actor.knows_end,
+            actor.suspended[-1],
+            len(set(actor.suspended)),
+            *actor.known,
+            list(actor.uses),
+        ]
+    )
     for place, request in actor.requests.items():
         walk.add([place, request.number, request.is_over, list(request.unread)])
     walk.add_time(actor, actor.late_at)
@@ -379,16 +467,24 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
     """How tasks ended that somebody can still ask for, or constrain."""
     never_began = play.central.tree.never_began
     known = {
-        walk.number_of_name(key): ended for key, ended in play.central.memory.outcomes.items() if walk.knows_name(key)
+        walk.number_of_name(key): ended
+        for key, ended in play.central.memory.outcomes.items()
+        if walk.knows_name(key)
     }
     for number in sorted(known):
         walk.add([number, *known[number]])
-    unbegun = {walk.number_of_name(key): starts for key, starts in never_began.items() if walk.knows_name(key)}
+    unbegun = {
+        walk.number_of_name(key): starts
+        for key, starts in never_began.items()
+        if walk.knows_name(key)
+    }
     walk.add([*sorted(unbegun.items())])
 
 
 def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
-    """Add the state that properties see; return the messages in the order in which they were added."""
+    """Add the state that properties see; return the messages in the order in which they were
+    added.
+    """
     known = {walk.number_of_name(item.id): item for item in play.world.messages if not item.is_over}
     if detail.names:
         walk.add(list(known))  # oldest first
@@ -402,8 +498,12 @@ def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
 
 def _add_message(walk: _Walk, item: MessageRecord, now: float) -> None:
     """Add all of a message that properties see, and what the rules hold against it later."""
-    walk.add([item.id, item.parent_id, item.about, item.sent_by, item.never_began, item.has_resolved])
-    walk.add([item.recovering, *(getattr(item, name) for name in SEEN if name not in OF_LAST_ACTION)])
+    walk.add(
+        [item.id, item.parent_id, item.about, item.sent_by, item.never_began, item.has_resolved]
+    )
+    walk.add(
+        [item.recovering, *(getattr(item, name) for name in SEEN if name not in OF_LAST_ACTION)]
+    )
     walk.add([_out_of_time(hold, now) for hold in item.holds if not hold.is_over])
 
 

@@ -1,8 +1,10 @@
-"""A play as bytes, to go on from it more than once: faster than playing it again, however long the run.
+"""A play as bytes, to go on from it more than once: faster than playing it again, however long the
+run.
 
-Pickle copies what a play holds, except what all plays share (the scenario, its programs, what scripts have lived, the
-rules and life cycles of tasks): that is named by its number in memory, so snapshots are good for this process only.
-Where central's results go (``Central.connect_outputs``) is no state, and made anew for the copy.
+Pickle copies what a play holds, except what all plays share (the scenario, its programs, what
+scripts have lived, the rules and life cycles of tasks): that is named by its number in memory, so
+snapshots are good for this process only. Where central's results go (``Central.connect_outputs``)
+is no state, and made anew for the copy.
 """
 
 import io
@@ -22,7 +24,10 @@ from tca_wire.messages.declarations import Message
 
 _SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle)
 
-_EMPTY: dict[type, Callable[[], Any]] = {type(Lock()): Lock, WeakValueDictionary: WeakValueDictionary}
+_EMPTY: dict[type, Callable[[], Any]] = {
+    type(Lock()): Lock,
+    WeakValueDictionary: WeakValueDictionary,
+}
 """Of a slot's session: nothing of a scenario is in these."""
 
 _ATOMS = (MessageId, RequestNumber)

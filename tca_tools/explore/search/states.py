@@ -18,7 +18,9 @@ class Violation(msgspec.Struct, frozen=True):
     """The error in the last state."""
     actions: tuple[Action, ...]
     circle: tuple[Action, ...] = ()
-    """Actions that come after these again and again, for ever, where a run that never ends shows it."""
+    """Actions that come after these again and again, for ever, where a run that never ends shows
+    it.
+    """
 
 
 class Result(msgspec.Struct, frozen=True):
@@ -36,9 +38,13 @@ class Result(msgspec.Struct, frozen=True):
     """Whether all runs were explored."""
     violation: Violation | None = None
     vacuous: tuple[str, ...] = ()
-    """Properties that hold because what they are about never was: "'a before b': there never is 'b'"."""
+    """Properties that hold because what they are about never was: "'a before b': there never is
+    'b'".
+    """
     outcomes: dict[bytes, tuple[Action, ...]] = {}
-    """Where modules have a prefetch: what was done, got and left in runs that end, and the shortest such run."""
+    """Where modules have a prefetch: what was done, got and left in runs that end, and the shortest
+    such run.
+    """
     branching: tuple[str, ...] = ()
     """The commonest alternatives in states, with the part of the states: "steps of arm (61 %)"."""
 
@@ -75,8 +81,8 @@ class Way(NamedTuple):
     action: Action
     to: SearchState
     carried: tuple[int, ...]
-    """By place of what waits before: its place among what waits after, or -1 where it waits no longer for the same.
-    Empty where no circles are looked for.
+    """By place of what waits before: its place among what waits after, or -1 where it waits no
+    longer for the same. Empty where no circles are looked for.
     """
 
 

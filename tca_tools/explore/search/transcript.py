@@ -17,13 +17,25 @@ def report(result: Result) -> str:
     size = f"{result.states:,} states"
     if violation is not None:
         with numbers_shown():
-            return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
+            return "\n".join(
+                [f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)]
+            )
     if not result.is_complete:
         line = f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
         most = ", ".join(result.branching)
-        return line + (f"\n  open beside other things: {most}; leave out what the question needs least" if most else "")
-    longest = "some runs need not end" if result.longest is None else f"at most {result.longest} actions a run"
-    return "\n".join([f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)])
+        return line + (
+            f"\n  open beside other things: {most}; leave out what the question needs least"
+            if most
+            else ""
+        )
+    longest = (
+        "some runs need not end"
+        if result.longest is None
+        else f"at most {result.longest} actions a run"
+    )
+    return "\n".join(
+        [f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)]
+    )
 
 
 def _story(result: Result, violation: Violation) -> list[str]:
@@ -38,7 +50,10 @@ def _story(result: Result, violation: Violation) -> list[str]:
         lines += [f"       {line}" for fact in play.facts if (line := _line(wording, fact))]
     return [
         *lines,
-        *(f"  => {line}" if i == 0 else f"     {line}" for i, line in enumerate(violation.why.splitlines())),
+        *(
+            f"  => {line}" if i == 0 else f"     {line}"
+            for i, line in enumerate(violation.why.splitlines())
+        ),
     ]
 
 

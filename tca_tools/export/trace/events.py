@@ -1,8 +1,10 @@
-"""The parts of a trace: tracks, and events on them. Knows nothing of what they show, nor of the file's format.
+"""The parts of a trace: tracks, and events on them. Knows nothing of what they show, nor of the
+file's format.
 
-Perfetto's rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"): slices of one track lie within each other or
-apart, an end closes the slice that was begun last, and what overlaps needs tracks of its own; the page shows siblings
-of one name as one track. A flow is an arrow from slice to slice, in the order of their times.
+Perfetto's rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"): slices of one track lie
+within each other or apart, an end closes the slice that was begun last, and what overlaps needs
+tracks of its own; the page shows siblings of one name as one track. A flow is an arrow from slice
+to slice, in the order of their times.
 """
 
 import heapq
@@ -49,7 +51,9 @@ class Event(NamedTuple):
     time: int
     """In nanoseconds."""
     is_arrival: bool
-    """Whether an arrow leads here: such an event comes after others of its time, where the arrow may begin."""
+    """Whether an arrow leads here: such an event comes after others of its time, where the arrow
+    may begin.
+    """
     track: int
     kind: EventKind
     name: str = ""
@@ -76,18 +80,29 @@ class Track:
     events: Iterable[Event] = ()
 
     def begin(
-        self, span: TraceSpan, name: str, category: str, details: Details | None = None, flow: int | None = None
+        self,
+        span: TraceSpan,
+        name: str,
+        category: str,
+        details: Details | None = None,
+        flow: int | None = None,
     ) -> Event:
         """The begin of a slice; *flow* is the arrow that leads to it."""
         flows = [flow] if flow else []
-        return Event(span.start, flow is not None, self.uuid, EventKind.BEGIN, name, category, details, flows)
+        return Event(
+            span.start, flow is not None, self.uuid, EventKind.BEGIN, name, category, details, flows
+        )
 
-    def instant(self, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()) -> Event:
+    def instant(
+        self, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()
+    ) -> Event:
         """Something that takes no time; *flows* are the arrows that begin here."""
         return Event(time, False, self.uuid, EventKind.INSTANT, name, category, details, flows)
 
     def slices(self, spans: Iterable[tuple[TraceSpan, Event]]) -> Iterator[Event]:
-        """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
+        """Slices from their begins; the spans lie within each other or apart, and are sorted,
+        outermost first.
+        """
         around: list[TraceSpan] = []
         for span, event in spans:
             while around and around[-1].last <= span.start:
@@ -123,8 +138,12 @@ class Trace:
         self.tracks: list[Track] = []
         self._ranks: dict[tuple[int, str], int] = {}
 
-    def add(self, name: str, parent: Track | None = None, rank: int = 0, *, is_counter: bool = False) -> Track:
-        """A new track without events. Siblings of one name and rank are shown as one; of another rank it is renamed."""
+    def add(
+        self, name: str, parent: Track | None = None, rank: int = 0, *, is_counter: bool = False
+    ) -> Track:
+        """A new track without events. Siblings of one name and rank are shown as one; of another
+        rank it is renamed.
+        """
         above = parent.uuid if parent else 0
         while self._ranks.setdefault((above, name), rank) != rank:
             name += " (another)"
@@ -148,9 +167,13 @@ def in_order(*events: Iterable[Event]) -> Iterator[Event]:
 
 
 def in_lanes(spans: Iterable[tuple[TraceSpan, T]]) -> list[list[tuple[TraceSpan, T]]]:
-    """Each span, with what belongs to it, in the first lane that is free when it starts. In a lane none overlap."""
+    """Each span, with what belongs to it, in the first lane that is free when it starts. In a lane
+    none overlap.
+    """
     found: dict[int, list[tuple[TraceSpan, T]]] = defaultdict(list)
     ordered = sorted(spans, key=lambda pair: pair[0].start)
-    for pair, lane in zip(ordered, lanes((span.start, span.last) for span, _ in ordered), strict=True):
+    for pair, lane in zip(
+        ordered, lanes((span.start, span.last) for span, _ in ordered), strict=True
+    ):
         found[lane].append(pair)
     return list(found.values())

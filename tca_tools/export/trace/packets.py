@@ -1,4 +1,5 @@
-"""A trace as a file that Perfetto opens: TrackEvent packets, in the order of time, with names written once.
+"""A trace as a file that Perfetto opens: TrackEvent packets, in the order of time, with names
+written once.
 
 The packets follow perfetto.dev, "Writing TrackEvent Protos Synthetically".
 """
@@ -34,7 +35,9 @@ def write_trace(run: Run, stream: BinaryIO) -> None:
     if run.is_live and run.times:  # what has not ended lasts until the trace ends
         track = trace.add("run", rank=1)
         now = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
-        track.events = iter([track.instant(now, "still running", "run", {"last entry": run.times[-1]})])
+        track.events = iter(
+            [track.instant(now, "still running", "run", {"last entry": run.times[-1]})]
+        )
     writer = _Writer(stream)
     if run.began is not None:
         writer.clocks(since_1970(run))
@@ -85,7 +88,9 @@ class _Writer:
         if event.kind in _NAMED:
             known = packet.interned_data
             written.name_iid = _number(self._names, event.name or _NAMELESS, known.event_names)
-            written.category_iids.append(_number(self._categories, event.category, known.event_categories))
+            written.category_iids.append(
+                _number(self._categories, event.category, known.event_categories)
+            )
             written.flow_ids.extend(event.flows)
             for key, value in (event.details or {}).items():
                 if value is not None:
@@ -113,7 +118,11 @@ def _number(known: dict[str, int], name: str, written: Any) -> int:
 def _shortened(value: Any) -> Any:
     """Plain data, as text if they are too long or have too many parts."""
     text = json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else ""
-    return text if len(text) > _LONGEST_TEXT or text.count("{") + text.count("[") > _MOST_PARTS else value
+    return (
+        text
+        if len(text) > _LONGEST_TEXT or text.count("{") + text.count("[") > _MOST_PARTS
+        else value
+    )
 
 
 def _put(annotation: Any, value: Any) -> None:

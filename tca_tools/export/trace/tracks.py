@@ -1,6 +1,7 @@
 """The tracks of a trace. Pure.
 
-One for each depth of the task tree, on which every task is a slice with its states inside; and a group for each module:
+One for each depth of the task tree, on which every task is a slice with its states inside; and a
+group for each module:
 what each resource handled, waited for, kept waiting, and what was sent.
 """
 
@@ -13,7 +14,15 @@ from operator import itemgetter
 from typing import Any
 
 from tca_tools.explain.waits import of_handler_wait
-from tca_tools.export.trace.events import Details, Event, Trace, TraceSpan, Track, in_lanes, in_order
+from tca_tools.export.trace.events import (
+    Details,
+    Event,
+    Trace,
+    TraceSpan,
+    Track,
+    in_lanes,
+    in_order,
+)
 from tca_tools.journal.fates import has_coped, went_on
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
@@ -21,7 +30,7 @@ from tca_wire.points import Moment, describe_moments
 from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import Outcome
 
-# --- the details that are shown when something is clicked ------------------------------------------------------------
+# --- the details that are shown when something is clicked -----------------------------------------
 
 
 def of_message(run: Run, message: Message) -> Details:
@@ -54,10 +63,15 @@ def of_task(run: Run, task: Task) -> Details:
 def of_handling(run: Run, handling: Handling) -> Details:
     """A run of a handler; of the last one with what came of the message."""
     message = run.messages.get(handling.message_id)
-    details: Details = {"directly from": handling.direct_from or None} | (of_message(run, message) if message else {})
+    details: Details = {"directly from": handling.direct_from or None} | (
+        of_message(run, message) if message else {}
+    )
     details["outcome"] = handling.outcome and str(handling.outcome)
     if message and message.handlings and message.handlings[-1] is handling:
-        details |= {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
+        details |= {
+            "result": plain_data(message.result),
+            "failure data": plain_data(message.failure_data),
+        }
     return details
 
 
@@ -70,10 +84,12 @@ def of_wait(run: Run, wait: HandlerWait) -> Details:
     }
 
 
-# --- modules ---------------------------------------------------------------------------------------------------------
+# --- modules --------------------------------------------------------------------------------------
 
 Sent = dict[int | str, list[Message]]
-"""The messages sent by each handling (by its identity), or by each module where the handling is not known."""
+"""The messages sent by each handling (by its identity), or by each module where the handling is not
+known.
+"""
 Waits = list[tuple[TraceSpan, HandlerWait]]
 
 
@@ -103,10 +119,14 @@ def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
     for run in trace.run.handlings:
         places[run.module, run.resource].handlings.append((trace.span(run.start, run.end), run))
     for wait in trace.run.queueings:
-        places[wait.module, wait.resource].queueings.append((trace.span(wait.start, wait.end), wait))
+        places[wait.module, wait.resource].queueings.append(
+            (trace.span(wait.start, wait.end), wait)
+        )
     for claim in trace.run.claims.values():
         if claim.granted is not None:
-            places[claim.module, claim.resource].claims.append((trace.span(claim.granted, claim.end), claim))
+            places[claim.module, claim.resource].claims.append(
+                (trace.span(claim.granted, claim.end), claim)
+            )
     return places
 
 
@@ -141,7 +161,9 @@ class _Place:
 Begin = Callable[[Track, TraceSpan, Any], Event]
 
 
-def _add_lanes(group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> None:
+def _add_lanes(
+    group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
+) -> None:
     """As many tracks of one name as it takes."""
     for lane in in_lanes(spans):
         track = group.trace.add(name, group, rank)
@@ -152,7 +174,9 @@ def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> 
     return track.slices((span, of(track, span, thing)) for span, thing in spans)
 
 
-def _run(track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]) -> Iterator[Event]:
+def _run(
+    track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]
+) -> Iterator[Event]:
     """A handling with its waits, what it sent, and its failure."""
     run = track.trace.run
     flow = _flow(run.messages.get(handling.message_id), handling.delivery)
@@ -160,14 +184,18 @@ def _run(track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: 
     failed = []
     if handling.outcome is Outcome.FAILED and span.end is not None:
         failed = [track.instant(span.end, "failed", "failure", _failure(run, handling))]
-    yield from track.within(span, outer, _sending(track, sent), failed, _slices(track, waits, _waiting))
+    yield from track.within(
+        span, outer, _sending(track, sent), failed, _slices(track, waits, _waiting)
+    )
 
 
 def _failure(run: Run, handling: Handling) -> Details:
     """The failure that was raised when a handling ended."""
     message = run.messages.get(handling.message_id)
     end = handling.until
-    failure = message.was("failure", end) if message and message.written("failure", end) == end else None
+    failure = (
+        message.was("failure", end) if message and message.written("failure", end) == end else None
+    )
     return {"failure": failure, "handled": has_coped(run, handling)}
 
 
@@ -177,24 +205,36 @@ def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> Waits:
     if around.end is None:
         return spans
     last = around.end
-    return [(TraceSpan(min(span.start, last), int(min(span.last, last))), wait) for span, wait in spans]
+    return [
+        (TraceSpan(min(span.start, last), int(min(span.last, last))), wait) for span, wait in spans
+    ]
 
 
 def _flow(message: Message | None, delivery: int = 0) -> int:
-    """The arrow that leads to a handling or a wait in a queue: one along all stations of a message, but to each
-    receiver of many one.
+    """The arrow that leads to a handling or a wait in a queue: one along all stations of a message,
+    but to each receiver of many one.
     """
     return 0 if message is None else delivery if message.message_class.fans_out else message.id
 
 
 def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
     """Where messages were sent; those of one moment are one event."""
-    for time, group in groupby(messages, key=lambda message: track.trace.nanoseconds(message.received)):
+    for time, group in groupby(
+        messages, key=lambda message: track.trace.nanoseconds(message.received)
+    ):
         sent = list(group)
-        flows = [flow for one in sent for flow in dict.fromkeys(_flow(one, run.delivery) for run in one.handlings)]
+        flows = [
+            flow
+            for one in sent
+            for flow in dict.fromkeys(_flow(one, run.delivery) for run in one.handlings)
+        ]
         flows += [one.id for one in sent if one.queueings and not one.handlings]
         what = sent[0].name if len(sent) == 1 else f"{len(sent)} messages"
-        details = of_message(track.trace.run, sent[0]) if len(sent) == 1 else {"messages": [str(one) for one in sent]}
+        details = (
+            of_message(track.trace.run, sent[0])
+            if len(sent) == 1
+            else {"messages": [str(one) for one in sent]}
+        )
         yield track.instant(time, f"sends {what}", "sent", details, flows)
 
 
@@ -224,7 +264,9 @@ def _waiting(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
 
 def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
     run, number = track.trace.run, queueing.message_id
-    return track.begin(span, run.name(number), "queued", {"id": number}, _flow(run.messages.get(number)))
+    return track.begin(
+        span, run.name(number), "queued", {"id": number}, _flow(run.messages.get(number))
+    )
 
 
 def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
@@ -232,7 +274,7 @@ def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
     return track.begin(span, name, "lock", {"id": claim.id, "ended": claim.ended or None})
 
 
-# --- the task tree ---------------------------------------------------------------------------------------------------
+# --- the task tree --------------------------------------------------------------------------------
 
 _DEEPEST = 12
 """Deeper tasks share one track: a tree may be a hundred thousand tasks deep."""
@@ -261,7 +303,9 @@ def _task(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
 
 def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     """The states that it was in until its end."""
-    stages: list[tuple[float, str]] = [(track.trace.nanoseconds(time), str(state)) for time, state in task.states]
+    stages: list[tuple[float, str]] = [
+        (track.trace.nanoseconds(time), str(state)) for time, state in task.states
+    ]
     found = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
@@ -284,7 +328,11 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
         if why is not None
     ]
     for one in task.life:
-        details: Details = {"state": one.state, "by": one.module or str(one.by), "why": one.text or None}
+        details: Details = {
+            "state": one.state,
+            "by": one.module or str(one.by),
+            "why": one.text or None,
+        }
         news.append((one.time, one.transition, "change", details | {"data": plain_data(one.body)}))
     return [
         track.instant(int(min(trace.nanoseconds(time), span.last)), name, category, details)

@@ -1,4 +1,6 @@
-"""A mission whose tasks the test ends, and a machine that runs on it until the test has nothing more to say."""
+"""A mission whose tasks the test ends, and a machine that runs on it until the test has nothing
+more to say.
+"""
 
 from contextlib import suppress
 from typing import Any, get_args
@@ -11,7 +13,9 @@ from tca_wire.charts import ActiveStates, Ending
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
-STATUSES = dict(zip(ENDINGS, (Status.COMPLETED, Status.FAILED, Status.TIMEOUT, Status.INTERRUPTED), strict=True))
+STATUSES = dict(
+    zip(ENDINGS, (Status.COMPLETED, Status.FAILED, Status.TIMEOUT, Status.INTERRUPTED), strict=True)
+)
 
 
 class PlayedTask:
@@ -29,7 +33,9 @@ class EndOfPlay(Exception):
 
 
 class PlayedMission:
-    """Tasks end as the script says, a line for each wait: ``"GoTo failed"``, or several, with ``+``."""
+    """Tasks end as the script says, a line for each wait: ``"GoTo failed"``, or several, with
+    ``+``.
+    """
 
     def __init__(self, *script: str) -> None:
         self.script = list(script)
@@ -46,7 +52,9 @@ class PlayedMission:
         self.running.append(started)
         return started
 
-    def first_ended(self, tasks: list[PlayedTask], timeout: float | None = None) -> list[PlayedTask]:
+    def first_ended(
+        self, tasks: list[PlayedTask], timeout: float | None = None
+    ) -> list[PlayedTask]:
         assert tasks, "a machine waits for nothing"
         if self.stopping and all(task in self.stopping for task in tasks):
             for task in self.stopping:
@@ -60,7 +68,11 @@ class PlayedMission:
             if line == "Ctrl-C":
                 raise KeyboardInterrupt
             name, ending = line.split(" ")
-            found = next(task for task in self.running if task.name.partition("(")[0] == name and task.end is None)
+            found = next(
+                task
+                for task in self.running
+                if task.name.partition("(")[0] == name and task.end is None
+            )
             self._end(found, next(one for one in ENDINGS if one == ending), "")
         return [task for task in tasks if task.end is not None]
 
@@ -73,7 +85,9 @@ class PlayedMission:
 class Played:
     """A run of a machine, and what happened in it."""
 
-    def __init__(self, machine: StateMachine, *script: str, on: PlayedMission | None = None) -> None:
+    def __init__(
+        self, machine: StateMachine, *script: str, on: PlayedMission | None = None
+    ) -> None:
         self.mission = on or PlayedMission(*script)
         self.published: list[ActiveStates] = []
         self.end: MachineEnd | None = None
@@ -82,7 +96,9 @@ class Played:
         with suppress(EndOfPlay):
             self.end = run.until_end()
         labels = [state.label for state in machine.chart.states]
-        self.active = [[labels[number] for number in one.active if number] for one in self.published]
+        self.active = [
+            [labels[number] for number in one.active if number] for one in self.published
+        ]
 
     @property
     def happened(self) -> list[str]:

@@ -1,4 +1,6 @@
-"""A machine on a real server: it is a task of its mission, and whatever ends it stops what it has started."""
+"""A machine on a real server: it is a task of its mission, and whatever ends it stops what it has
+started.
+"""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -62,18 +64,28 @@ def test_a_machine_is_a_task_of_its_mission() -> None:
         goal = next(fact for fact in sent if fact.message.startswith("mission test"))
         assert machine.parent == goal.id
         assert [fact.message for fact in sent if fact.parent == machine.id] == [
-            "rover.Drive", "rover.Watch", "rover.Drive", "rover.Drive", "rover.Drive",
-        ]  # fmt: skip
+            "rover.Drive",
+            "rover.Watch",
+            "rover.Drive",
+            "rover.Drive",
+            "rover.Drive",
+        ]
         _check_told(machine, mission.central.facts)
 
 
 def _check_told(machine: facts.Received, told: list[Any]) -> None:
     """Whoever reads the journal knows the machine, and which of its states were active."""
-    formats = next(fact for fact in told if isinstance(fact, facts.FormatDefined) and fact.message == machine.message)
+    formats = next(
+        fact
+        for fact in told
+        if isinstance(fact, facts.FormatDefined) and fact.message == machine.message
+    )
     chart = read_machine(formats.data, machine.body)
     assert chart is not None
     assert chart == patrol().chart
-    changes = [fact for fact in told if isinstance(fact, facts.StateChanged) and fact.task == machine.id]
+    changes = [
+        fact for fact in told if isinstance(fact, facts.StateChanged) and fact.task == machine.id
+    ]
     progress = [read_active(change.body) for change in changes]
     assert [(one.running, one.after) for one in progress] == [
         (["Drive"], ""),
@@ -82,8 +94,12 @@ def _check_told(machine: facts.Received, told: list[Any]) -> None:
         (["Drive 4"], "Watch has completed"),
     ]
     assert [chart.states[number].label for number in progress[1].active] == [
-        "patrol", "concurrence", "Watch", "sequence", "Drive 2",
-    ]  # fmt: skip
+        "patrol",
+        "concurrence",
+        "Watch",
+        "sequence",
+        "Drive 2",
+    ]
     assert read_machine(formats.data, b"\x93") is None
     assert read_machine("{}", machine.body) is None
 
@@ -92,7 +108,11 @@ def _check_told(machine: facts.Received, told: list[Any]) -> None:
     ("last", "status", "text"),
     [
         ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: hit a rock"),
-        ({"fails": "never", "task_timeout": 0.02}, Status.TIMEOUT, "Drive 2 was not done in time: it ran for 0.02 s"),
+        (
+            {"fails": "never", "task_timeout": 0.02},
+            Status.TIMEOUT,
+            "Drive 2 was not done in time: it ran for 0.02 s",
+        ),
     ],
 )
 def test_a_machine_that_does_not_complete_fails_as_a_task_does(
@@ -130,7 +150,8 @@ def kill(user: Client) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("error", "do"), [(KeyboardInterrupt, ctrl_c), (ConditionVerified, lambda _: True), (MissionTaskFailed, kill)]
+    ("error", "do"),
+    [(KeyboardInterrupt, ctrl_c), (ConditionVerified, lambda _: True), (MissionTaskFailed, kill)],
 )
 def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks(
     error: type[BaseException], do: Callable[[Client], bool]
@@ -148,7 +169,9 @@ def test_a_server_that_leaves_ends_the_machine() -> None:
     with LocalCentral() as central:
         robot = Rover()
         server = ExitStack()
-        server.enter_context(TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central).running())
+        server.enter_context(
+            TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central).running()
+        )
         with server, Mission("rover", name="test", central=central) as mission:
             mission.add_condition(When(lambda: "to 3" in robot.done, server.close))
             with pytest.raises(MissionTaskFailed, match="server 'rover' has ended"):

@@ -1,4 +1,6 @@
-"""Random machines: what is not refused runs, and keeps what soundness promises, however its tasks end."""
+"""Random machines: what is not refused runs, and keeps what soundness promises, however its tasks
+end.
+"""
 
 from contextlib import suppress
 from typing import Any
@@ -16,7 +18,9 @@ from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
 from tca_wire.charts import ActiveStates, Ending, StateKind
 
-MOST_ARE_REFUSED = settings(max_examples=lives(20, soak=100), suppress_health_check=[HealthCheck.filter_too_much])
+MOST_ARE_REFUSED = settings(
+    max_examples=lives(20, soak=100), suppress_health_check=[HealthCheck.filter_too_much]
+)
 LABELS = [f"s{number}" for number in range(9)]
 
 
@@ -28,8 +32,12 @@ class Bored(PlayedMission):
         self.data = data
         self.left = 25
 
-    def first_ended(self, tasks: list[PlayedTask], timeout: float | None = None) -> list[PlayedTask]:
-        in_front = [task for task in self.running if task.name == "Task(True)" and task not in self.stopping]
+    def first_ended(
+        self, tasks: list[PlayedTask], timeout: float | None = None
+    ) -> list[PlayedTask]:
+        in_front = [
+            task for task in self.running if task.name == "Task(True)" and task not in self.stopping
+        ]
         assert len(in_front) <= 1, "tasks in the foreground stop each other"
         if not any(task in self.stopping for task in tasks):
             self.left -= 1
@@ -40,25 +48,39 @@ class Bored(PlayedMission):
         return super().first_ended(tasks, timeout)
 
 
-def write(sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool) -> None:
+def write(
+    sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool
+) -> None:
     """Some states; most have no transitions of their own, as few machines with many are sound."""
     for _ in range(data.draw(st.integers(2, 3))):
         if not labels:
             return
         label = labels.pop()
-        kind = data.draw(st.sampled_from(["task", "task", "epsilon", "sequence", "any", "all"][: 6 if depth else 3]))
+        kind = data.draw(
+            st.sampled_from(
+                ["task", "task", "epsilon", "sequence", "any", "all"][: 6 if depth else 3]
+            )
+        )
         if kind == "task":
             state = sm.task("Task", label, foreground=is_in_front)
         elif kind == "epsilon":
             state = sm.epsilon(label)
         else:
             until: Any = kind
-            with sm.sequence(label) if kind == "sequence" else sm.concurrence(label, until=until) as state:
+            with (
+                sm.sequence(label)
+                if kind == "sequence"
+                else sm.concurrence(label, until=until) as state
+            ):
                 write(sm, data, labels, depth - 1, is_in_front=is_in_front)
         if state.parent is not None and state.parent.kind.is_concurrent:
             is_in_front = False  # as one branch is, at most
         possible = ["completed"] if kind == "epsilon" else ENDINGS
-        targets: Any = {e: data.draw(st.sampled_from(LABELS)) for e in possible if data.draw(st.integers(0, 5)) == 5}
+        targets: Any = {
+            e: data.draw(st.sampled_from(LABELS))
+            for e in possible
+            if data.draw(st.integers(0, 5)) == 5
+        }
         state.on(**targets)
 
 
@@ -115,6 +137,8 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
 @MOST_ARE_REFUSED
 @given(st.data())
 def test_soundness_agrees_with_the_statechart(data: st.DataObject) -> None:
-    """Each state can be entered, and the machine can have the endings that it is said to have, and no others."""
+    """Each state can be entered, and the machine can have the endings that it is said to have, and
+    no others.
+    """
     sm = drawn(data)
     assert explored(sm.root) == (set(sm.root.all()), set(endings_of(sm.root)[sm.root]))

@@ -19,7 +19,14 @@ def patrol() -> StateMachine:
 
 
 def test_a_sequence_that_begins_again() -> None:
-    run = Played(patrol(), "Wait completed", "Turn completed", "GoTo completed", "GoTo completed", "Wait timeout")
+    run = Played(
+        patrol(),
+        "Wait completed",
+        "Turn completed",
+        "GoTo completed",
+        "GoTo completed",
+        "Wait timeout",
+    )
     assert run.end == ("timeout", "Wait was not done in time")
     assert run.happened == [
         "start Wait", "Wait completed",
@@ -45,9 +52,14 @@ def test_a_sequence_that_begins_again() -> None:
 def test_a_concurrence_ends_with_the_first_of_its_states() -> None:
     run = Played(patrol(), "Wait completed", "Look completed")
     assert run.happened[3:] == [
-        "start Turn", "Look(False) completed", "stop Turn", "Turn interrupted", "start GoTo(5)",
-        "stop GoTo(5)", "GoTo(5) interrupted",  # as the play is over: nothing is left running
-    ]  # fmt: skip
+        "start Turn",
+        "Look(False) completed",
+        "stop Turn",
+        "Turn interrupted",
+        "start GoTo(5)",
+        "stop GoTo(5)",
+        "GoTo(5) interrupted",  # as the play is over: nothing is left running
+    ]
     run = Played(patrol(), "Wait completed", "Look failed + Turn completed")
     assert run.end == ("failed", "Look has failed")
     assert run.happened[3:] == ["start Turn", "Look(False) failed", "Turn completed"]
@@ -89,8 +101,14 @@ def test_a_machine_follows_written_transitions_only() -> None:
     )
     assert run.end == ("completed", "Close has completed")
     assert [name for name in run.happened if name.startswith("start")] == [
-        "start GoTo", "start Turn", "start GoTo", "start Open", "start Close", "start Open", "start Close",
-    ]  # fmt: skip
+        "start GoTo",
+        "start Turn",
+        "start GoTo",
+        "start Open",
+        "start Close",
+        "start Open",
+        "start Close",
+    ]
 
 
 def test_a_branch_begins_again_without_the_others() -> None:
@@ -103,12 +121,25 @@ def test_a_branch_begins_again_without_the_others() -> None:
         look.on(failed=look)
         steps.on(failed=steps)
         sm.Wait()
-    run = Played(sm, "Look failed", "Turn completed", "GoTo failed", "Turn failed", "Look completed", "Wait completed")
+    run = Played(
+        sm,
+        "Look failed",
+        "Turn completed",
+        "GoTo failed",
+        "Turn failed",
+        "Look completed",
+        "Wait completed",
+    )
     assert run.end == ("completed", "Wait has completed")
     assert [name for name in run.happened if "Look" in name or name == "start Turn"] == [
-        "start Look(False)", "start Turn", "Look(False) failed", "start Look(False)", "start Turn", "start Turn",
+        "start Look(False)",
+        "start Turn",
+        "Look(False) failed",
+        "start Look(False)",
+        "start Turn",
+        "start Turn",
         "Look(False) completed",
-    ]  # fmt: skip
+    ]
 
 
 def test_ways_out_of_containers() -> None:
@@ -122,7 +153,15 @@ def test_ways_out_of_containers() -> None:
         sm.epsilon("nothing found")
         sm.Home("home")
         sm.Sing("found")
-    run = Played(sm, "Turn timeout", "Turn failed", "Turn completed", "GoTo failed", "Home completed", "Sing completed")
+    run = Played(
+        sm,
+        "Turn timeout",
+        "Turn failed",
+        "Turn completed",
+        "GoTo failed",
+        "Home completed",
+        "Sing completed",
+    )
     assert run.end == ("completed", "found has completed")
     assert run.happened == [
         "start Look(False)", "start Turn", "Turn timeout", "start Turn", "Turn failed",
@@ -130,7 +169,10 @@ def test_ways_out_of_containers() -> None:
         "start GoTo", "GoTo failed", "stop Look(False)", "Look(False) interrupted",
         "start Home", "Home completed", "start Sing", "Sing completed",
     ]  # fmt: skip
-    assert Played(sm, "Look completed", "Sing completed").happened[-2:] == ["start Sing", "Sing completed"]
+    assert Played(sm, "Look completed", "Sing completed").happened[-2:] == [
+        "start Sing",
+        "Sing completed",
+    ]
 
 
 def test_nothing_runs_on_after_an_error_in_one_branch() -> None:
@@ -155,7 +197,12 @@ def test_nothing_runs_on_after_ctrl_c() -> None:
     mission = PlayedMission("Wait completed", "Ctrl-C")
     with pytest.raises(KeyboardInterrupt):
         Played(patrol(), on=mission)
-    assert mission.happened[-4:] == ["stop Look(False)", "stop Turn", "Look(False) interrupted", "Turn interrupted"]
+    assert mission.happened[-4:] == [
+        "stop Look(False)",
+        "stop Turn",
+        "Look(False) interrupted",
+        "Turn interrupted",
+    ]
     assert not mission.running
 
 
@@ -167,6 +214,12 @@ def test_tasks_start_and_stop_in_the_order_in_which_they_are_written() -> None:
         sm.Third(foreground=False)
     run = Played(sm, "Third failed")
     assert run.happened == [
-        "start First(False)", "start Second(False)", "start Third(False)", "Third(False) failed",
-        "stop Second(False)", "stop First(False)", "Second(False) interrupted", "First(False) interrupted",
-    ]  # fmt: skip
+        "start First(False)",
+        "start Second(False)",
+        "start Third(False)",
+        "Third(False) failed",
+        "stop Second(False)",
+        "stop First(False)",
+        "Second(False) interrupted",
+        "First(False) interrupted",
+    ]

@@ -123,7 +123,9 @@ def test_refused_where_it_is_written() -> None:
             late()
     with pytest.raises(MisuseError, match="its states are written inside its with block"):
         Sequence("robot").GoTo()
-    with pytest.raises(MisuseError, match="a machine: name must be a text that is not blank, not ''"):
+    with pytest.raises(
+        MisuseError, match="a machine: name must be a text that is not blank, not ''"
+    ):
         StateMachine("")
     with pytest.raises(MisuseError, match="until must be"):
         Concurrence("robot", until="first")  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""Central with bare ends: they speak its protocol over plain ZeroMQ, as a client in another language might."""
+"""Central with bare ends: they speak its protocol over plain ZeroMQ, as a client in another
+language might.
+"""
 
 import itertools
 from pathlib import Path
@@ -39,20 +41,28 @@ def read(line: Socket) -> bytes:
 def joined(address: str, module: str, number: int = 0, resource: str = "") -> Socket:
     """A connection that central has welcomed."""
     line = socket(zmq.DEALER, connect=address)
-    hello = headers.Hello(1, headers.PROTOCOL_VERSION, module, module, number, resource, prefetch=AHEAD)
+    hello = headers.Hello(
+        1, headers.PROTOCOL_VERSION, module, module, number, resource, prefetch=AHEAD
+    )
     line.send(codec.pack_item(hello))
     codec.unpack_to_module(read(line))
     return line
 
 
 def registered(address: str, module: str, handlers: dict[Any, str]) -> list[Socket]:
-    """The slots of a module with one connection a resource, or sixteen, that handles these messages."""
+    """The slots of a module with one connection a resource, or sixteen, that handles these
+    messages.
+    """
     own = joined(address, module)
     formats = [message.format for message in handlers]
     handled = [HandlerFormat(message.name, resource) for message, resource in handlers.items()]
     own.send(codec.pack_item(headers.Register(2, formats, handled)))
     read(own)
-    names = [name for name in dict.fromkeys(handlers.values()) for _ in range(16 if name == SLOTS[16] else 1)]
+    names = [
+        name
+        for name in dict.fromkeys(handlers.values())
+        for _ in range(16 if name == SLOTS[16] else 1)
+    ]
     return [own, *(joined(address, module, number, name) for number, name in enumerate(names, 1))]
 
 
@@ -65,7 +75,13 @@ def serve(folder: Path) -> None:
 def listen(folder: Path) -> None:
     """The modules that hear a broadcast."""
     named = [(f"listener {number}", heard) for number, heard in enumerate(HEARD)]
-    attend([line for name, heard in named for line in registered(address_in(folder), name, {TICK: name, heard: name})])
+    attend(
+        [
+            line
+            for name, heard in named
+            for line in registered(address_in(folder), name, {TICK: name, heard: name})
+        ]
+    )
 
 
 def attend(lines: list[Socket]) -> None:
@@ -184,6 +200,11 @@ class BareEnds(Contestant):
     def _command(self, number: int) -> None:
         """So many at once: their ids first, then their ends."""
         body = MOVE.encode_data(body_of(100))
-        sends = [(headers.Send(next(self.numbers), MOVE.name, flags=Flags.NONE), body) for _ in range(number)]
-        points = [Point(TaskId(accepted.id), Moment.END_ACHIEVING) for accepted, _ in self._ask(sends)]
+        sends = [
+            (headers.Send(next(self.numbers), MOVE.name, flags=Flags.NONE), body)
+            for _ in range(number)
+        ]
+        points = [
+            Point(TaskId(accepted.id), Moment.END_ACHIEVING) for accepted, _ in self._ask(sends)
+        ]
         self._ask([(headers.AwaitPoint(next(self.numbers), point), b"") for point in points])

@@ -24,7 +24,9 @@ WALK, NOTE, PING = Goal("walk", bytes), Inform("note", bytes), Query("ping", byt
 
 
 class Memory(Contestant):
-    """Central, one handler that never returns, and a client by hand: the memory that central takes for more."""
+    """Central, one handler that never returns, and a client by hand: the memory that central takes
+    for more.
+    """
 
     def __init__(self, of: str) -> None:
         super().__init__()
@@ -56,7 +58,10 @@ class Memory(Contestant):
 
     def _goals(self, number: int) -> None:
         for _ in range(number):
-            self._ask(headers.Send(next(self.numbers), WALK.name, flags=Flags.NONE), WALK.encode_data(body_of(100)))
+            self._ask(
+                headers.Send(next(self.numbers), WALK.name, flags=Flags.NONE),
+                WALK.encode_data(body_of(100)),
+            )
 
     def _informs(self, number: int) -> None:
         for _ in range(number):
@@ -65,7 +70,9 @@ class Memory(Contestant):
     def _modules(self, number: int) -> None:
         for _ in range(number):
             name = f"module {len(self.modules)}"
-            self.modules += registered(address_in(self.folder), name, {Inform(f"to {name}", int): name})
+            self.modules += registered(
+                address_in(self.folder), name, {Inform(f"to {name}", int): name}
+            )
 
     def memory(self, number: int) -> float:
         """The bytes of memory that each of so many more takes."""

@@ -16,7 +16,7 @@ from dev.benchmarks.messages.contestant import (
     keep_open,
     timed,
     until,
-)  # fmt: skip
+)
 from dev.benchmarks.messages.processes import address_in, processor_seconds
 from tca_module import Broadcast, Command, Condition, Goal, Inform, Module, Query, Task, connect
 
@@ -26,7 +26,11 @@ PING = {number: Query(f"ping {name}", bytes, reply=bytes) for number, name in SL
 POSE, SEEN = Inform("pose", bytes), Query("seen", reply=int)
 TICK = Broadcast("tick", bytes)
 HEARD = [Query(f"heard {number}", reply=int) for number in range(LISTENERS)]
-MOVE, THREE_MOVES, MANY_MOVES = Command("move", bytes), Goal("three moves", bytes), Goal("many moves", int)
+MOVE, THREE_MOVES, MANY_MOVES = (
+    Command("move", bytes),
+    Goal("three moves", bytes),
+    Goal("many moves", int),
+)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
 MOST_DIRECT = 500
@@ -60,7 +64,9 @@ def serve(address: str, direct: bool) -> None:
     server.run(patience=SOON)
 
 
-def add_counter(module: Module, told: Any, asked: Query[None, int], resource: str, *, direct: bool = False) -> None:
+def add_counter(
+    module: Module, told: Any, asked: Query[None, int], resource: str, *, direct: bool = False
+) -> None:
     """Count messages, and say how many came since that was asked."""
     count = 0
 
@@ -119,7 +125,9 @@ class Library(Contestant):
         self.children.serve(serve, address, self.direct)
         if not self.crowd:
             self.children.serve(listen, address)
-        sizes = [(first, min(TOGETHER, self.crowd - first)) for first in range(0, self.crowd, TOGETHER)]
+        sizes = [
+            (first, min(TOGETHER, self.crowd - first)) for first in range(0, self.crowd, TOGETHER)
+        ]
         self.idle = [self.children.serve(idle, address, *size) for size in sizes]
         self.client = connect("bench", address, SOON)
         for note in NOTES[: self.taps]:
@@ -176,7 +184,9 @@ class Library(Contestant):
         self.client.goal(MANY_MOVES, number, sequential=False).wait()
 
     def idle_load(self, number: int) -> float:
-        """The part of a processor, in per cent, that the idle crowd uses, measured for so many seconds."""
+        """The part of a processor, in per cent, that the idle crowd uses, measured for so many
+        seconds.
+        """
         before = sum(map(processor_seconds, self.idle))
         time.sleep(number)
         return (sum(map(processor_seconds, self.idle)) - before) / number * 100
@@ -202,4 +212,8 @@ class Straight(Library):
         except Lost as error:
             raise NotThere("central has not told of the direct way yet") from error
 
-    fanout, commands, commands_open = Contestant.fanout, Contestant.commands, Contestant.commands_open
+    fanout, commands, commands_open = (
+        Contestant.fanout,
+        Contestant.commands,
+        Contestant.commands_open,
+    )

@@ -1,4 +1,6 @@
-"""ZeroMQ alone: ``zmq.proxy``, which forwards frames and knows nothing (our limit), and no broker at all."""
+"""ZeroMQ alone: ``zmq.proxy``, which forwards frames and knows nothing (our limit), and no broker
+at all.
+"""
 
 import threading
 from pathlib import Path
@@ -17,7 +19,7 @@ from dev.benchmarks.messages.contestant import (
     check_arrived,
     timed,
     until,
-)  # fmt: skip
+)
 
 Socket = zmq.Socket[bytes]
 
@@ -43,9 +45,14 @@ def at(folder: Path, name: str) -> str:
 
 def forward(folder: Path) -> None:
     """The broker: a proxy for messages to one, in a thread one for those to many."""
-    publishers, subscribers = socket(zmq.XSUB, bind=at(folder, "pub")), socket(zmq.XPUB, bind=at(folder, "sub"))
+    publishers, subscribers = (
+        socket(zmq.XSUB, bind=at(folder, "pub")),
+        socket(zmq.XPUB, bind=at(folder, "sub")),
+    )
     threading.Thread(target=zmq.proxy, args=(publishers, subscribers), daemon=True).start()
-    zmq.proxy(socket(zmq.ROUTER, bind=at(folder, "front")), socket(zmq.DEALER, bind=at(folder, "back")))
+    zmq.proxy(
+        socket(zmq.ROUTER, bind=at(folder, "front")), socket(zmq.DEALER, bind=at(folder, "back"))
+    )
 
 
 def serve_proxy(folder: Path) -> None:
@@ -97,7 +104,9 @@ def _hear(ear: Socket, ears: dict[Socket, int], told: Socket) -> None:
 
 
 class Proxy(Contestant):
-    """Client, proxy and server; commands are what moves their messages, nobody keeps a record of them."""
+    """Client, proxy and server; commands are what moves their messages, nobody keeps a record of
+    them.
+    """
 
     def start(self) -> None:
         self._start_others()

@@ -1,1 +1,3 @@
-"""Other programs' contestants. Each file imports what it needs, so it is loaded only where that is installed."""
+"""Other programs' contestants. Each file imports what it needs, so it is loaded only where that is
+installed.
+"""

@@ -1,4 +1,6 @@
-"""Celery with Redis, for messages and for results; one worker without a pool. The parts of a goal are a chain."""
+"""Celery with Redis, for messages and for results; one worker without a pool. The parts of a goal
+are a chain.
+"""
 
 import os
 import sys
@@ -12,7 +14,9 @@ from dev.benchmarks.messages.peers.redis import start_redis
 
 PLACE = "TCA_BENCH_REDIS"
 app = celery.Celery(broker=os.environ.get(PLACE), backend=os.environ.get(PLACE))
-app.conf.update(broker_connection_retry_on_startup=True, worker_prefetch_multiplier=OPEN, result_expires=60)
+app.conf.update(
+    broker_connection_retry_on_startup=True, worker_prefetch_multiplier=OPEN, result_expires=60
+)
 
 
 @app.task(name="move")  # type: ignore[untyped-decorator]

@@ -1,4 +1,6 @@
-"""Dask: a scheduler, a worker with one thread, futures; the parts of a goal are futures that need each other."""
+"""Dask: a scheduler, a worker with one thread, futures; the parts of a goal are futures that need
+each other.
+"""
 
 import sys
 
@@ -17,9 +19,13 @@ class Dask(Contestant):
     def start(self) -> None:
         address = f"tcp://127.0.0.1:{free_port()}"
         program = (sys.executable, "-m", "distributed.cli.dask_scheduler")
-        self.children.program(*program, "--host", address, "--no-dashboard", "--no-show", cwd=self.folder)
+        self.children.program(
+            *program, "--host", address, "--no-dashboard", "--no-show", cwd=self.folder
+        )
         worker = (sys.executable, "-m", "distributed.cli.dask_worker", address)
-        self.children.program(*worker, "--nthreads", 1, "--no-nanny", "--no-dashboard", cwd=self.folder)
+        self.children.program(
+            *worker, "--nthreads", 1, "--no-nanny", "--no-dashboard", cwd=self.folder
+        )
         self.client = distributed.Client(address, timeout=SOON, set_as_default=False)
 
     def ready(self) -> None:

@@ -1,11 +1,21 @@
-"""gRPC: no broker, a server with plain bytes; what is not answered is one stream. It has nothing for many at once."""
+"""gRPC: no broker, a server with plain bytes; what is not answered is one stream. It has nothing
+for many at once.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import grpc
 
-from dev.benchmarks.messages.contestant import COUNT, SOON, Contestant, body_of, check_arrived, keep_open, timed
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    SOON,
+    Contestant,
+    body_of,
+    check_arrived,
+    keep_open,
+    timed,
+)
 
 LARGE = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1)]
 
@@ -15,7 +25,9 @@ def serve(address: str) -> None:
     server = grpc.server(ThreadPoolExecutor(1), options=LARGE)
     handlers = {
         "ping": grpc.unary_unary_rpc_method_handler(lambda body, _: body),
-        "pose": grpc.stream_unary_rpc_method_handler(lambda bodies, _: str(sum(1 for _ in bodies)).encode()),
+        "pose": grpc.stream_unary_rpc_method_handler(
+            lambda bodies, _: str(sum(1 for _ in bodies)).encode()
+        ),
     }
     server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler("bench", handlers),))
     server.add_insecure_port(address)

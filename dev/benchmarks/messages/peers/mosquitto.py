@@ -1,4 +1,6 @@
-"""Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that paho gives it."""
+"""Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that
+paho gives it.
+"""
 
 import getpass
 import threading
@@ -8,7 +10,16 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from dev.benchmarks.messages.contestant import COUNT, ECHO, LISTENERS, OPEN, NotThere, body_of, timed, until
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    ECHO,
+    LISTENERS,
+    OPEN,
+    NotThere,
+    body_of,
+    timed,
+    until,
+)
 from dev.benchmarks.messages.processes import program_path
 from dev.benchmarks.messages.publishing import Publishing
 

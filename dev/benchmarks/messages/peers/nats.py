@@ -18,7 +18,7 @@ from dev.benchmarks.messages.contestant import (
     check_arrived,
     shares,
     until,
-)  # fmt: skip
+)
 from dev.benchmarks.messages.processes import free_port, program_path
 
 
@@ -135,8 +135,13 @@ class Nats(Contestant):
             await self.line.publish("tick", body)
         await self.line.publish("tick", MARK, reply=inbox)
         try:
-            counts = [int((await answers.next_msg(20 if number else 0.5)).data) for _ in range(LISTENERS)]
-        except (nats.errors.TimeoutError, ValueError) as error:  # nobody answered, or "nobody hears that" came
+            counts = [
+                int((await answers.next_msg(20 if number else 0.5)).data) for _ in range(LISTENERS)
+            ]
+        except (
+            nats.errors.TimeoutError,
+            ValueError,
+        ) as error:  # nobody answered, or "nobody hears that" came
             raise NotThere("not all listeners are connected yet") from error
         finally:
             await answers.unsubscribe()

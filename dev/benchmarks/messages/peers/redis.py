@@ -1,4 +1,6 @@
-"""Redis with redis-py: lists for messages to one, in blocks where many wait; what is published for those to many."""
+"""Redis with redis-py: lists for messages to one, in blocks where many wait; what is published for
+those to many.
+"""
 
 import threading
 from itertools import islice
@@ -19,7 +21,7 @@ from dev.benchmarks.messages.contestant import (
     check_arrived,
     timed,
     until,
-)  # fmt: skip
+)
 from dev.benchmarks.messages.processes import Children, program_path
 
 FOREVER = 0
@@ -28,7 +30,18 @@ FOREVER = 0
 def start_redis(children: Children, folder: Path) -> str:
     """Start a server that keeps nothing on the disk, and return its socket."""
     path = f"{folder}/redis.sock"
-    options = ("--port", 0, "--unixsocket", path, "--save", "", "--appendonly", "no", "--dir", folder)
+    options = (
+        "--port",
+        0,
+        "--unixsocket",
+        path,
+        "--save",
+        "",
+        "--appendonly",
+        "no",
+        "--dir",
+        folder,
+    )
     limits = ("--client-output-buffer-limit", "pubsub 0 0 0")
     children.program(program_path("redis-server"), *options, *limits)
     line = connected(path)
@@ -136,4 +149,6 @@ class Redis(Contestant):
             for body in block:
                 together.publish("tick", body)
             together.execute()
-        check_arrived(number, *(int(self.line.blpop("heard", FOREVER)[1]) for _ in range(LISTENERS)))
+        check_arrived(
+            number, *(int(self.line.blpop("heard", FOREVER)[1]) for _ in range(LISTENERS))
+        )

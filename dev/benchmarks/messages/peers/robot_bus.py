@@ -74,7 +74,9 @@ class RobotBus(Publishing):
     def start(self) -> None:
         port = free_port()
         place = ("--api-listen", f"127.0.0.1:{port}", "--advertise-host", "127.0.0.1")
-        self.children.program(sys.executable, "-m", "robot_bus.broker", *place, "--snd-hwm", 0, "--rcv-hwm", 0)
+        self.children.program(
+            sys.executable, "-m", "robot_bus.broker", *place, "--snd-hwm", 0, "--rcv-hwm", 0
+        )
         until(lambda: self._join(port))
         self.children.serve(serve, port)
         self.children.serve(listen, port)
@@ -83,14 +85,18 @@ class RobotBus(Publishing):
         self.node = node("client", port)
         self.node.create_subscription("/told", self.told.put, qos_depth=100_000)
         names = self.pose, self.tick
-        self.publishers = {name: self.node.create_publisher(name, qos_depth=100_000) for name in names}
+        self.publishers = {
+            name: self.node.create_publisher(name, qos_depth=100_000) for name in names
+        }
         self.services = [self.node.create_client("/ping") for _ in range(OPEN)]
         self.action = self.node.create_action_client("/move")
         self.threads = ThreadPoolExecutor(OPEN)
         self.node.start()
 
     def ready(self) -> None:
-        if not self.services[0].wait_for_service(SOON) or not self.action.wait_for_action_server(SOON):
+        if not self.services[0].wait_for_service(SOON) or not self.action.wait_for_action_server(
+            SOON
+        ):
             raise NotThere("our server is not connected yet")
         super().ready()
 

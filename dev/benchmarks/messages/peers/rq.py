@@ -1,4 +1,6 @@
-"""RQ with Redis: the worker that does not fork for each job; one asks for a job's result and waits for it."""
+"""RQ with Redis: the worker that does not fork for each job; one asks for a job's result and waits
+for it.
+"""
 
 import sys
 from typing import Any
@@ -18,7 +20,14 @@ class Rq(Contestant):
     def start(self) -> None:
         path = start_redis(self.children, self.folder)
         self.queue = rq.Queue(connection=connected(path))
-        worker = ("worker", "--quiet", "--worker-class", "rq.SimpleWorker", "--url", f"unix://{path}")
+        worker = (
+            "worker",
+            "--quiet",
+            "--worker-class",
+            "rq.SimpleWorker",
+            "--url",
+            f"unix://{path}",
+        )
         self.children.program(sys.executable, "-m", "rq.cli", *worker, cwd=self.folder)
 
     def ready(self) -> None:

@@ -1,4 +1,6 @@
-"""Zenoh with its Python API: a router, queryables and subscribers, over TCP; puts that wait rather than drop."""
+"""Zenoh with its Python API: a router, queryables and subscribers, over TCP; puts that wait rather
+than drop.
+"""
 
 import json
 import threading
@@ -7,7 +9,15 @@ from typing import Any
 
 import zenoh
 
-from dev.benchmarks.messages.contestant import COUNT, LISTENERS, NotThere, body_of, keep_open, timed, until
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    LISTENERS,
+    NotThere,
+    body_of,
+    keep_open,
+    timed,
+    until,
+)
 from dev.benchmarks.messages.processes import free_port
 from dev.benchmarks.messages.publishing import Publishing
 
@@ -72,7 +82,9 @@ class Zenoh(Publishing):
         until(lambda: self._open(endpoint))
         self.children.serve(serve, endpoint)
         self.children.serve(listen, endpoint)
-        self.session.declare_subscriber("told", lambda sample: self.told.put(sample.payload.to_bytes()))
+        self.session.declare_subscriber(
+            "told", lambda sample: self.told.put(sample.payload.to_bytes())
+        )
         names = self.pose, self.tick
         self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
 
