@@ -33,9 +33,8 @@ class Overwritten:
             if len(self.changes) < _FEW:
                 self.changes = (*self.changes, (time, name, old))  # type: ignore[misc]  # its class has the slot
                 return
-            self.changes = {
-                field_name: self.overwritten(field_name) for _, field_name, _ in self.changes
-            }  # type: ignore[misc]
+            by_field = {field: self.overwritten(field) for _, field, _ in self.changes}
+            self.changes = by_field  # type: ignore[misc]
         self.changes.setdefault(name, []).append((time, old))
 
     def overwritten(self, name: str) -> list[tuple[float, Any]]:
