@@ -21,7 +21,7 @@ QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 @pytest.mark.parametrize(
     "only", [["goals with three children"], pytest.param([], marks=pytest.mark.soak)]
 )
-def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
+def test_benchmark_cases_have_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     chosen_by = [word for name in only for word in ("--only", name)]
     result = CliRunner().invoke(
@@ -46,7 +46,7 @@ def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path
     assert all(name in result.stdout for name in only or ["round trip"])
 
 
-def test_what_is_not_installed_is_left_out_by_name() -> None:
+def test_benchmark_names_contestants_that_are_not_installed() -> None:
     needs = Needs(("no_such_package", "no.such.package"), ("no-such-program",), "pip install it")
     assert (
         lacking(needs)
@@ -66,7 +66,7 @@ def test_what_is_not_installed_is_left_out_by_name() -> None:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_one_that_breaks_is_out_and_the_others_go_on() -> None:
+def test_broken_contestant_is_excluded_and_the_others_run() -> None:
     (stage,) = chosen(
         STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy"
     )[:1]
@@ -78,7 +78,7 @@ def test_one_that_breaks_is_out_and_the_others_go_on() -> None:
     assert list(result.measured[0].rows) == ["zmq.proxy"]
 
 
-def test_cases_are_chosen_by_name() -> None:
+def test_benchmark_cases_are_chosen_by_name() -> None:
     found = chosen(STAGES, lambda name: name == "tasks", lambda entry: not entry.needs.packages)
     assert [stage.title for stage in found] == ["tasks"]
     assert {entry.title for entry in TASK_PEERS}.isdisjoint(one.title for one in found[0].entries)
@@ -88,7 +88,7 @@ def test_cases_are_chosen_by_name() -> None:
     assert "commands, 100 open" in CliRunner().invoke(bench, ["--list"]).stdout
 
 
-def test_nothing_is_measured_that_could_not_be_written(tmp_path: Path) -> None:
+def test_benchmark_refuses_an_unwritable_result_file(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         bench, [*QUICK, "--json", str(tmp_path / "nowhere" / "figures.json")]
     )

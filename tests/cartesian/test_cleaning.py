@@ -23,7 +23,7 @@ from tca_behaviours.activities.models.reading import read_model
 from tca_behaviours.activities.models.writing import write_code
 
 
-def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
+def test_generated_code_matches_the_model(tmp_path: Path) -> None:
     there = tmp_path / "robots" / "cartesian_sim"
     shutil.copytree(Path(robots.__file__).parent / "cartesian_sim", there)
     (tmp_path / "robots" / "__init__.py").touch()
@@ -31,7 +31,7 @@ def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
     assert [line.partition(": ")[2] for line in said] == ["as it was"] * 2 + ["left alone"] * 3
 
 
-def test_the_show_counts_the_ticks_that_are_missing() -> None:
+def test_cleaning_show_counts_missed_ticks() -> None:
     robot = VirtualRobot()
     robot.baton.run(1.005)
     due, made, rest = re.split(
@@ -45,7 +45,7 @@ def test_the_show_counts_the_ticks_that_are_missing() -> None:
     assert counted(robot.application).endswith(", 100 are missing")
 
 
-def test_a_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
+def test_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
     axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.5, wanted=2.0)
     axis.advance(1.0)
     assert (axis.position, axis.speed) == (0.5, 0.0)  # it is off
@@ -62,7 +62,7 @@ def test_a_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
     assert (axis.position, axis.speed) == (before, 0.0)
 
 
-def test_an_axis_ends_at_its_stops_behind_the_switches() -> None:
+def test_axis_ends_at_its_stops_behind_the_switches() -> None:
     axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.9, wanted=0.5, is_on=True)
     for _ in range(100):
         axis.advance(0.01)
@@ -71,7 +71,7 @@ def test_an_axis_ends_at_its_stops_behind_the_switches() -> None:
     assert not axis.sensed().at_low
 
 
-def test_a_joint_moves_to_positions_only_when_it_is_enabled_and_referenced() -> None:
+def test_joint_moves_only_when_enabled_and_referenced() -> None:
     robot = VirtualRobot()
     x = robot.parts.x
     x.target.put(JointTarget(1.0, 0.5))
@@ -92,7 +92,7 @@ def test_a_joint_moves_to_positions_only_when_it_is_enabled_and_referenced() -> 
     assert robot.parts.x.position.value == pytest.approx(1.0, abs=0.001)
 
 
-def test_a_joint_that_brakes_takes_its_next_target() -> None:
+def test_braking_joint_accepts_its_next_target() -> None:
     robot = VirtualRobot()
     robot.make_ready()
     x = robot.parts.x
@@ -104,7 +104,7 @@ def test_a_joint_that_brakes_takes_its_next_target() -> None:
     robot.run_until(lambda: robot.positions()[0] > 0.498 and x.movement.is_in("standing"))
 
 
-def test_a_joint_at_speed_stops_at_its_limit_and_goes_back_only() -> None:
+def test_joint_stops_at_its_limit_and_moves_only_back() -> None:
     robot = VirtualRobot()
     robot.make_ready()
     y = robot.parts.y
@@ -122,7 +122,7 @@ def test_a_joint_at_speed_stops_at_its_limit_and_goes_back_only() -> None:
     assert robot.positions()[1] > 1.0
 
 
-def test_a_joint_that_is_disabled_stops_at_once_and_keeps_its_reference() -> None:
+def test_disabled_joint_stops_at_once_and_retains_its_reference() -> None:
     robot = VirtualRobot()
     robot.make_ready()
     x = robot.parts.x
@@ -134,7 +134,7 @@ def test_a_joint_that_is_disabled_stops_at_once_and_keeps_its_reference() -> Non
     assert (x.enabling.current, x.referencing.current) == ("disabled", "referenced")
 
 
-def test_a_search_that_is_stopped_leaves_no_reference() -> None:
+def test_stopped_search_leaves_no_reference() -> None:
     robot = VirtualRobot()
     robot.tell_joints("enable")
     robot.run_until(lambda: robot.parts.x.enabling.is_in("enabled"))
@@ -148,7 +148,7 @@ def test_a_search_that_is_stopped_leaves_no_reference() -> None:
     assert robot.positions() == before
 
 
-def test_the_wall_is_cleaned_while_policies_change() -> None:
+def test_wall_is_cleaned_while_policies_change() -> None:
     robot = VirtualRobot()
     robot.make_ready()
     guide = robot.parts.guide

@@ -8,7 +8,7 @@ from processes import run
 
 
 @pytest.mark.soak
-def test_the_wall_is_cleaned_in_a_show(tmp_path: Path) -> None:
+def test_cleaning_show_cleans_the_wall(tmp_path: Path) -> None:
     shown = run("-m", "robots.cartesian_sim", "--out", str(tmp_path))
     assert (shown.returncode, shown.stderr) == (0, "")
     done = re.findall(r"s  (.*): done", shown.stdout)

@@ -63,7 +63,7 @@ def moving(town: Town) -> list[str]:
     return [joint.movement.current for joint in town.robot.joints]
 
 
-def test_what_the_robot_is_not_ready_for_is_refused(town: Town) -> None:
+def test_operator_command_is_refused_when_the_robot_is_not_ready(town: Town) -> None:
     user = town.user
     with pytest.raises(TaskFailed, match="joint x is not enabled: disabled") as failed:
         town.carried_out(user.command(MOVE_TO, WallPoint(1.0, 0.5)))
@@ -79,7 +79,7 @@ def test_what_the_robot_is_not_ready_for_is_refused(town: Town) -> None:
     assert failed.value.failure == NO_SUCH_JOINT.name
 
 
-def test_it_moves_by_position_and_by_speed(town: Town) -> None:
+def test_cleaning_robot_moves_by_position_and_by_speed(town: Town) -> None:
     make_ready(town)
     user, robot = town.user, town.robot
     town.carried_out(user.command(MOVE_JOINT, JointMove("y", 0.4)))
@@ -93,7 +93,7 @@ def test_it_moves_by_position_and_by_speed(town: Town) -> None:
     assert moving(town) == ["standing"] * 3
 
 
-def test_whoever_stops_it_interrupts_its_commands(town: Town) -> None:
+def test_stop_interrupts_the_operators_commands(town: Town) -> None:
     make_ready(town)
     cleaning = town.user.command(CLEAN)
     town.pass_time(2.0)

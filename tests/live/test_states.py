@@ -50,7 +50,7 @@ DRIFT = Command("drift", life_cycle=BASIC)
 GRASP = Command("grasp", Grasp, result=float, progress=Grasp, life_cycle=PAUSABLE)
 
 
-def test_what_others_have_declared_can_be_sent_with_its_progress_and_states() -> None:
+def test_send_follows_progress_and_states_of_a_known_message() -> None:
     with LocalCentral(stepped=True) as central:
         with connect("planner", central) as planner:
             planner.execute_if_handled(GRASP, Grasp(0.1))
@@ -111,7 +111,7 @@ def arm(central: LocalCentral) -> Iterator[None]:
     ],
     ids=lambda one: getattr(one, "name", ""),
 )
-def test_what_becomes_of_a_cancel(
+def test_cancel_reports_its_result(
     central: LocalCentral, user: Client, message: Command[None, None], code: int, said: str
 ) -> None:
     legs, is_told = Module("legs", central), threading.Event()
@@ -139,7 +139,7 @@ def sent(arm: None, user: Client) -> SentTask[float]:
     return sent
 
 
-def test_a_task_gets_a_new_goal_and_is_cancelled(sent: SentTask[float]) -> None:
+def test_task_is_updated_and_cancelled(sent: SentTask[float]) -> None:
     assert tca(update, "grasp", "width=0.05") == (0, f"{sent}: has the new goal\n", "")
     assert tca(update, "grasp", "width=0.001")[::2] == (
         1,
@@ -166,11 +166,11 @@ def test_a_task_gets_a_new_goal_and_is_cancelled(sent: SentTask[float]) -> None:
     ],
 )  # fmt: skip
 @pytest.mark.usefixtures("sent")
-def test_a_goal_that_cannot_be_is_told(words: list[str], code: int, error: str) -> None:
+def test_impossible_goal_is_refused(words: list[str], code: int, error: str) -> None:
     assert tca(update, *words) == (code, "", f"{error}\n")
 
 
-def test_a_task_is_watched_until_its_end(central: LocalCentral, sent: SentTask[float]) -> None:
+def test_watch_follows_a_task_until_its_end(central: LocalCentral, sent: SentTask[float]) -> None:
     observers, number = central.core.observers.count, sent.id
 
     def steer() -> None:
@@ -200,9 +200,7 @@ def test_a_task_is_watched_until_its_end(central: LocalCentral, sent: SentTask[f
     ]
 
 
-def test_what_is_under_a_task_is_watched_until_that_ends(
-    central: LocalCentral, user: Client
-) -> None:
+def test_watch_follows_descendants_until_the_task_ends(central: LocalCentral, user: Client) -> None:
     legs, feet, number = Module("legs", central), Module("feet", central), user.execute(DRIFT).id
     legs.handles(DRIFT)(lambda task: task.sleep(SOON))
     feet.handles(WALK)(lambda task: task.report())
@@ -244,12 +242,12 @@ def test_what_is_under_a_task_is_watched_until_that_ends(
     ],
 )
 @pytest.mark.usefixtures("sent")
-def test_what_cannot_be_watched(words: list[str], code: int, error: str) -> None:
+def test_watch_refuses_what_cannot_be_watched(words: list[str], code: int, error: str) -> None:
     assert tca(watch, *words) == (code, "", f"{error}\n")
 
 
 @pytest.mark.usefixtures("sent")
-def test_whoever_watches_ends_that_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_watch_ends_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(client: Client, *_: object) -> Iterator[Change]:
         yield next(iter(client.observe("grasp", timeout=SOON)))
         raise KeyboardInterrupt

@@ -91,7 +91,7 @@ def shown(text_of: Any, width: int = 100) -> str:
     return file.getvalue()
 
 
-def test_rates_are_of_the_time_between_two_answers() -> None:
+def test_rates_cover_the_time_between_two_answers() -> None:
     before = answer(10.0, resource(), messages=[message("step", 10)])
     now = answer(12.0, resource(delivered=16, busy=6.0), messages=[message("step", 16)])
     told = frame(now, before, hidden="tca top")
@@ -113,7 +113,7 @@ def test_rates_are_of_the_time_between_two_answers() -> None:
     )
 
 
-def test_after_a_restart_of_central_or_of_a_module_counting_begins_anew() -> None:
+def test_counts_restart_with_central_or_a_module() -> None:
     before = answer(100.0, resource(delivered=1000, busy=90.0))
     restarted = frame(answer(4.0, resource(delivered=2, busy=2.0), epoch="two"), before)
     assert (restarted.span, restarted.resources[0].rate) == (4.0, 0.5)
@@ -202,7 +202,7 @@ SCREENS: dict[str, tuple[dict[str, Any], int, int | None]] = {
 }  # fmt: skip
 
 
-def test_screens(approve: Callable[..., None]) -> None:
+def test_top_shows_the_expected_screens(approve: Callable[..., None]) -> None:
     def tell(name: str) -> str:
         told, width, height = SCREENS[name]
         lines = shown(
@@ -229,7 +229,7 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     assert "central is away: no answer for 3 s" in lines[0]
 
 
-def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
+def test_counts_include_rows_that_are_not_listed() -> None:
     totals = {"waits": 1, "held": 190, "suspended": 0}
     told = frame(answer(20.0, waits=waiting(1), held=waiting(50)) | {"totals": totals})
     assert "... and 140 more\n" in shown(screen(told, "ipc:///here", ""))
@@ -241,7 +241,7 @@ def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
     assert not frame(answer(20.0, waits=waiting(1))).is_cut
 
 
-def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
+def test_top_says_which_of_very_many_tasks_it_counted() -> None:
     told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
     assert "... and no more among the 10000 oldest tasks\n" in shown(
         screen(told, "ipc:///here", "")
@@ -249,7 +249,7 @@ def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
     assert (told.not_looked_at, told.is_cut) == (2000, True)
 
 
-def test_the_fullest_part_of_the_memory_is_shown_and_what_was_refused() -> None:
+def test_top_shows_the_fullest_memory_limit_and_refusals() -> None:
     told = answer(20.0)
     assert frame(told).memory == "memory 5 MiB"
     told |= {

@@ -94,7 +94,7 @@ def test_status_says_that_a_task_was_created_suspended(central: str) -> None:
         assert f"'tca resume {rest.id}'" in text
 
 
-def test_status_says_what_was_not_looked_at(central: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_status_says_what_it_did_not_inspect(central: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_central.status.load.LOOKED_AT", 40)
     with connect("user", central) as user:
         for _ in range(60):
@@ -108,7 +108,7 @@ def test_status_says_what_was_not_looked_at(central: str, monkeypatch: pytest.Mo
     ]
 
 
-def test_status_says_who_waits_for_a_handler(central: str) -> None:
+def test_status_names_messages_that_wait_for_a_handler(central: str) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, STANCE])
     starting = threading.Thread(target=planner.run)
     starting.start()
@@ -125,7 +125,7 @@ def test_status_says_who_waits_for_a_handler(central: str) -> None:
     starting.join(SOON)
 
 
-def test_modules_and_messages(central: str) -> None:
+def test_status_lists_modules_and_messages(central: str) -> None:
     legs = Module("legs", central)
     assert ask(commands.modules, "--central", central) == (0, "no modules are connected\n")
     assert ask(commands.messages, "--central", central) == (0, "no messages have been declared\n")
@@ -160,7 +160,7 @@ def test_modules_and_messages(central: str) -> None:
         assert sorted(names) == ["legs", "user"]
 
 
-def test_variables(central: str) -> None:
+def test_status_lists_variables(central: str) -> None:
     assert ask(commands.variables, "--central", central) == (0, "no variables have been declared\n")
     legs = Module("legs", central)
     legs.handles(Variable("pose", Footfall))(lambda *_: None)
@@ -179,7 +179,7 @@ def test_variables(central: str) -> None:
         assert [variable["value"] for variable in data] == [None, "walking", None]
 
 
-def test_values_that_json_cannot_say(central: str) -> None:
+def test_values_outside_json_are_printed(central: str) -> None:
     with connect("user", central) as user:
         user.set_variable(Variable("when", datetime), datetime(2024, 2, 3, tzinfo=UTC))
         user.set_variable(Variable("raw", bytes), b"\x00")
@@ -187,7 +187,7 @@ def test_values_that_json_cannot_say(central: str) -> None:
         assert [variable["value"] for variable in data] == ["AA==", "2024-02-03T00:00:00Z"]
 
 
-def test_without_central_the_answer_is_one_line(
+def test_command_prints_one_line_without_central(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)

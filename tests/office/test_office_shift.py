@@ -57,7 +57,7 @@ def shift(seed: int) -> tuple[str, LabScene, int]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_each_cup_ends_in_the_bin_or_was_taken(seed: int) -> None:
+def test_each_cup_ends_in_the_bin_or_is_taken(seed: int) -> None:
     transcript, scene, _ = shift(seed)
     assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
     lines = transcript.splitlines()
@@ -82,13 +82,13 @@ def test_goals_are_cancelled_when_their_cups_vanish() -> None:
 
 
 @pytest.mark.soak
-def test_a_seed_comes_out_the_same_every_time() -> None:
+def test_office_seed_is_reproducible() -> None:
     runs = [keep_free(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
     assert runs[0][1] == runs[1][1]
     assert runs[0][0].transcript() == runs[1][0].transcript()
 
 
-def test_goals_are_added_while_others_are_under_way_and_done_in_order() -> None:
+def test_office_goals_added_during_others_run_in_order() -> None:
     _, scene, most_goals = shift(1)
     assert most_goals >= 2
     hands = [line for line in scene.happened if "in the hand" in line or "in the bin" in line]
@@ -98,7 +98,7 @@ def test_goals_are_added_while_others_are_under_way_and_done_in_order() -> None:
     )
 
 
-def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_bin() -> None:
+def test_cup_in_hand_comes_to_the_charger_and_then_the_bin() -> None:
     _, scene = keep_free(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
     told = [line.split("  ")[-1] for line in scene.happened]
     grasped = told.index("cup 1 is in the hand")
@@ -107,7 +107,7 @@ def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_
 
 
 @pytest.mark.parametrize("is_removed", [True, False])
-def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: bool) -> None:
+def test_robot_waits_for_a_blocked_charger_with_a_limit(*, is_removed: bool) -> None:
     """A box stands on the charger, and the robot comes with a cup in its hand."""
     world = OfficeWorld(9, 30.0, battery=0.35)
     box = world.floor.charger.around(0.2)
@@ -140,7 +140,7 @@ def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: boo
 
 
 @pytest.mark.soak
-def test_all_that_holds_in_any_lab() -> None:
+def test_office_rules_hold_in_any_lab() -> None:
     rng = random.Random(1)
     for seed in range(100, 160):
         world = OfficeWorld(
@@ -150,7 +150,7 @@ def test_all_that_holds_in_any_lab() -> None:
         assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
 
 
-def test_a_cup_that_slips_too_often_is_left_alone_for_a_while() -> None:
+def test_cup_that_slips_too_often_is_postponed() -> None:
     transcript, scene, _ = shift(1)
     slips = Counter(line.split()[3] for line in scene.happened if line.endswith("slips"))
     often = next(number for number, count in slips.items() if count == 4)
@@ -158,7 +158,7 @@ def test_a_cup_that_slips_too_often_is_left_alone_for_a_while() -> None:
     assert any(f"cup {often} is in the bin" in line for line in scene.happened)
 
 
-def test_what_an_operator_kills_is_put_down_and_collected_after_all() -> None:
+def test_cup_of_a_killed_goal_is_put_down_and_collected_later() -> None:
     with office(OfficeWorld(2, 1.0)) as (central, user):
         user.goal(KEEP_FLOOR_FREE)
         for _ in range(60):
@@ -177,7 +177,7 @@ def test_what_an_operator_kills_is_put_down_and_collected_after_all() -> None:
 
 
 @pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
-def test_the_robot_knows_nothing_of_its_layers(without: object) -> None:
+def test_office_robot_does_not_import_its_layers(without: object) -> None:
     """Without one it works on, but not as well: it drives to cups that are gone, stands still, or
     stops at a slip.
     """

@@ -20,7 +20,7 @@ def count(svg: str, look: str) -> int:
     return svg.count(f'class="{look}"') - 1
 
 
-def test_the_picture_shows_what_became_of_the_cups() -> None:
+def test_office_picture_shows_the_fate_of_each_cup() -> None:
     world = OfficeWorld(1, 200.0)
     world.advance(120.0)
     scene = world.scene()
@@ -42,7 +42,7 @@ def test_the_picture_shows_what_became_of_the_cups() -> None:
 
 
 @pytest.mark.slow
-def test_a_shift_is_shown(tmp_path: Path) -> None:
+def test_office_show_runs_a_shift(tmp_path: Path) -> None:
     shown = run("-m", "robots.office_sim", "--shift", "45", "--pace", "25", "--out", str(tmp_path))
     assert (shown.returncode, shown.stderr) == (0, "")
     last = dict(re.findall(r"s  (cup \d+) (.*)\n", shown.stdout))
@@ -64,7 +64,7 @@ def test_a_shift_is_shown(tmp_path: Path) -> None:
     assert "collect cup" in tmp_path.joinpath("tree.svg").read_text()
 
 
-def test_what_the_page_quotes_is_in_the_robot() -> None:
+def test_office_page_quotes_the_robots_code() -> None:
     known = {line.strip() for path in ROBOT.rglob("*.py") for line in path.read_text().splitlines()}
     quoted = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert quoted

@@ -32,7 +32,7 @@ def drive(world: OfficeWorld, to: Spot, within: float = 0.0) -> None:
 
 
 @given(SEEDS, st.lists(st.floats(0.01, 50.0), max_size=8))
-def test_people_do_the_same_whenever_somebody_looks(seed: int, looks: list[float]) -> None:
+def test_people_move_the_same_however_often_they_are_polled(seed: int, looks: list[float]) -> None:
     one, other = OfficeWorld(seed, 100.0), OfficeWorld(seed, 100.0)
     for time in itertools.accumulate(looks):
         one.advance(time)
@@ -48,7 +48,7 @@ def test_people_do_the_same_whenever_somebody_looks(seed: int, looks: list[float
 
 
 @given(SEEDS)
-def test_a_robot_can_get_at_each_cup_and_to_the_charger_and_touches_nothing(seed: int) -> None:
+def test_robot_reaches_each_cup_and_the_charger_without_contact(seed: int) -> None:
     world = OfficeWorld(seed, 120.0)
     floor = world.floor
     for spot in (floor.bin, floor.charger, *(cup.spot for cup in world.scene().cups)):
@@ -61,7 +61,7 @@ def test_a_robot_can_get_at_each_cup_and_to_the_charger_and_touches_nothing(seed
             )
 
 
-def test_a_way_leads_along_the_corners_of_what_is_in_the_way() -> None:
+def test_path_leads_along_the_corners_of_obstacles() -> None:
     floor = FloorPlan(10.0, 6.0, [], [Block(4.0, 2.0, 6.0, 4.5)], Spot(1, 1), Spot(9, 1))
     way = path_to(floor, Spot(1.0, 3.0), Approach(Spot(9.0, 3.0)))
     assert [(round(spot.x, 2), round(spot.y, 2)) for spot in way] == [
@@ -73,7 +73,7 @@ def test_a_way_leads_along_the_corners_of_what_is_in_the_way() -> None:
     assert path_to(floor, Spot(1.0, 3.0), Approach(Spot(1.2, 3.0), 0.4)) == []
 
 
-def test_nothing_leads_through_a_closed_wall() -> None:
+def test_no_path_leads_through_a_closed_wall() -> None:
     floor = FloorPlan(10.0, 6.0, [Block(5.0, 0.0, 5.2, 6.0)], [], Spot(1, 1), Spot(9, 1))
     with pytest.raises(NoPath, match=r"nothing leads to \(9.00, 3.00\)"):
         path_to(floor, Spot(1.0, 3.0), Approach(Spot(9.0, 3.0)))
@@ -91,7 +91,7 @@ def test_driving_takes_time_and_charge() -> None:
     assert world.battery == pytest.approx(1.0 - DRIVING * seconds)
 
 
-def test_a_flat_robot_stands_still_and_a_charged_one_goes_on() -> None:
+def test_robot_with_a_flat_battery_stops_until_charged() -> None:
     world = OfficeWorld(1, 1.0, battery=0.02)
     assert world.dock() is None
     drive(world, world.floor.bin)
@@ -107,7 +107,7 @@ def test_a_flat_robot_stands_still_and_a_charged_one_goes_on() -> None:
     assert world.scene().charges == 1
 
 
-def test_a_cup_is_grasped_lost_grasped_again_and_dropped_into_the_bin() -> None:
+def test_slipped_cup_is_grasped_again_and_dropped_into_the_bin() -> None:
     world = OfficeWorld(2, 1.0)
     world.advance(5.0)
     (cup,) = world.scene().cups
@@ -130,14 +130,14 @@ def test_a_cup_is_grasped_lost_grasped_again_and_dropped_into_the_bin() -> None:
     assert len(carried) == 2
 
 
-def test_somebody_takes_cups_away() -> None:
+def test_people_take_cups_away() -> None:
     world = OfficeWorld(1, 300.0)
     world.advance(600.0)
     assert set(states(world.scene())) == {CupState.FLOOR, CupState.TAKEN}
     assert len(world.look()) <= states(world.scene()).count(CupState.FLOOR)
 
 
-def test_a_cup_is_out_of_view_after_some_pictures_without_it() -> None:
+def test_cup_is_out_of_view_after_some_pictures_without_it() -> None:
     tracks = CupTracks()
     tracks.see([Spot(1.0, 1.0), Spot(3.0, 1.0)])
     tracks.see([Spot(3.02, 1.01)])

@@ -25,7 +25,7 @@ def live(seeds: range) -> dict[str, int]:
     return counts
 
 
-def test_whatever_crashes_or_breaks_nothing_is_lost_or_done_twice_and_all_comes_to_an_end() -> None:
+def test_crashes_lose_and_repeat_nothing_and_all_ends() -> None:
     counts = live(range(1, 25))
     assert (
         min(
@@ -38,7 +38,9 @@ def test_whatever_crashes_or_breaks_nothing_is_lost_or_done_twice_and_all_comes_
 
 @pytest.mark.soak
 @pytest.mark.parametrize("part", range(10))
-def test_many_lives(part: int, request: pytest.FixtureRequest) -> None:
+def test_crashes_lose_and_repeat_nothing_in_many_lives(
+    part: int, request: pytest.FixtureRequest
+) -> None:
     is_new = bool(request.config.getoption("--new-lives"))
     first = random.SystemRandom().randrange(1 << 40) if is_new else 1000 + part * 5000
     live(range(first, first + 5000))
@@ -46,7 +48,7 @@ def test_many_lives(part: int, request: pytest.FixtureRequest) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(1, 9))
-def test_a_crash_at_each_step_of_centrals_turns(seed: int) -> None:
+def test_central_survives_a_crash_at_each_step_of_a_turn(seed: int) -> None:
     quiet = Life(seed)
     quiet.options.central_crashes = 0.0
     steps = quiet.run().daemon.steps
@@ -56,7 +58,7 @@ def test_a_crash_at_each_step_of_centrals_turns(seed: int) -> None:
         life.run()
 
 
-def test_a_seed_decides_all_in_each_process() -> None:
+def test_seed_determines_each_simulated_life() -> None:
     digests = [Life(seed).run().clockwork.digest for seed in (1, 2, 3)]
     assert [Life(seed).run().clockwork.digest for seed in (1, 2, 3)] == digests
     root = Path(__file__).parent.parent.parent

@@ -53,7 +53,7 @@ def size_of(central: Central) -> tuple[int, int]:
 
 
 @pytest.mark.soak
-def test_central_does_not_grow_in_a_month_whose_modules_die_every_minute() -> None:
+def test_central_does_not_grow_in_a_month_of_dying_modules() -> None:
     life, sizes = Life(Forgetful(check=False)), []
     for seed, events in enumerate((FIRST, MONTH)):
         life.go_on(seed, events)

@@ -56,13 +56,13 @@ def life(sync: Sync, seconds: float, cuts: int) -> None:
 
 
 @pytest.mark.parametrize("sync", [Sync.ALWAYS, Sync.BATCH])
-def test_eight_power_cuts_on_one_journal(sync: Sync) -> None:
+def test_journal_survives_eight_power_cuts(sync: Sync) -> None:
     life(sync, 20.0, 8)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("sync", [Sync.ALWAYS, Sync.BATCH])
-def test_five_hundred_power_cuts_on_one_journal(sync: Sync) -> None:
+def test_journal_survives_five_hundred_power_cuts(sync: Sync) -> None:
     life(sync, 750.0, CUTS)
 
 
@@ -108,7 +108,7 @@ def use(address: str, ballast: Path, spare: int) -> set[int]:
 
 
 @pytest.mark.soak
-def test_thirty_full_disks_on_one_journal(tmp_path: Path) -> None:
+def test_journal_survives_thirty_full_disks(tmp_path: Path) -> None:
     """``tca run`` waits for room; other starts fail; central is killed at times, too, when it has
     come back.
     """

@@ -25,7 +25,7 @@ more.
 """
 
 
-def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong(
+def test_ambler_walks_500_m_of_steep_hills_with_all_faults(
     tmp_path: Path,
 ) -> None:
     pytest.importorskip("pybullet")
@@ -61,7 +61,7 @@ def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong
     assert figures.memory.growth < MOST_GROWTH
 
 
-def test_the_same_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
+def test_ambler_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
     losses = [
         text for step in (5, 9, 14, 20, 26, 33, 40) for text in ("--fault", f"lost module@{step}")
     ]
@@ -91,7 +91,7 @@ def resident(process: int) -> int:
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * 4096
 
 
-def test_central_does_not_grow_with_the_tasks_that_have_ended(tmp_path: Path) -> None:
+def test_central_does_not_grow_with_ended_tasks(tmp_path: Path) -> None:
     walk_goal = Goal("walk", int)
     with central(tmp_path, "--quiet") as daemon:
         robot = Module("robot", daemon.address)

@@ -27,7 +27,7 @@ def sh(name: str, program: str, more: str = "") -> str:
     return f"[modules.{name}]\ncommand = ['sh', '-c', '''{program}''']\n{more}\n"
 
 
-def test_what_crashes_is_started_again_until_it_has_crashed_too_often(tmp_path: Path) -> None:
+def test_crashed_program_is_restarted_until_its_limit(tmp_path: Path) -> None:
     bad = sh("bad", "echo hello; echo oh no >&2; kill -SEGV $$", "restarts = 2")
     with robot(tmp_path, HASTY + NO_CENTRAL + STAYS + bad) as running:
         code, errors = running.end()
@@ -41,7 +41,7 @@ def test_what_crashes_is_started_again_until_it_has_crashed_too_often(tmp_path: 
     assert running.said.endswith("bad   | its last lines:\nbad   | hello\nbad   | oh no\n")
 
 
-def test_what_ends_well_stays_away_unless_it_shall_not(tmp_path: Path) -> None:
+def test_program_that_ends_well_stays_ended_unless_configured(tmp_path: Path) -> None:
     text = (
         HASTY
         + NO_CENTRAL
@@ -72,7 +72,7 @@ time.sleep(100)
 """
 
 
-def test_an_end_lets_programs_clean_up_and_kills_what_does_not_end(tmp_path: Path) -> None:
+def test_stop_lets_programs_clean_up_and_kills_the_rest(tmp_path: Path) -> None:
     (tmp_path / "cleans.py").write_text(CLEANS_UP)
     stuck = sh("stuck", "trap '' INT TERM; sleep 100 & sleep 100", "grace = 0.2")
     stopped = sh(
@@ -111,7 +111,7 @@ def again_and_again(act: Callable[[], None]) -> Iterator[None]:
         thread.join()
 
 
-def test_the_second_signal_kills(tmp_path: Path) -> None:
+def test_second_signal_kills_programs(tmp_path: Path) -> None:
     with robot(
         tmp_path, NO_CENTRAL + sh("stuck", "trap '' INT TERM; echo ready; sleep 100", "grace = 100")
     ) as running:
@@ -124,7 +124,7 @@ def test_the_second_signal_kills(tmp_path: Path) -> None:
         running.leaves_nothing()
 
 
-def test_nothing_is_left_when_it_is_killed_itself_even_after_its_guard_was(tmp_path: Path) -> None:
+def test_no_program_is_left_when_run_and_guard_are_killed(tmp_path: Path) -> None:
     with robot(
         tmp_path, NO_CENTRAL + STAYS + sh("forks", "sleep 100 & echo ready; wait")
     ) as running:
@@ -139,7 +139,7 @@ def test_nothing_is_left_when_it_is_killed_itself_even_after_its_guard_was(tmp_p
         running.leaves_nothing()
 
 
-def test_what_can_not_be_started_has_crashed(tmp_path: Path) -> None:
+def test_program_that_cannot_start_counts_as_crashed(tmp_path: Path) -> None:
     """Its guard does not take it for something that is left."""
     (tmp_path / "gone.sh").write_text("#!/bin/sh\nrm $0; exit 1\n")
     (tmp_path / "gone.sh").chmod(0o755)
@@ -152,7 +152,7 @@ def test_what_can_not_be_started_has_crashed(tmp_path: Path) -> None:
     assert running.said.endswith("gone | ./gone.sh: No such file or directory\n")
 
 
-def test_it_ends_when_nobody_reads(tmp_path: Path) -> None:
+def test_run_ends_when_its_output_is_closed(tmp_path: Path) -> None:
     text = NO_CENTRAL + sh("talks", "while true; do echo tick; sleep 0.05; done")
     (tmp_path / "robot.toml").write_text(text)
     command = f"{sys.executable} -m tca_tools.supervise {tmp_path}/robot.toml | head -3; echo ${{PIPESTATUS[0]}}"
@@ -173,7 +173,7 @@ legs.run()
 WHO, DIE = Query("who", reply=int), Command("die")
 
 
-def test_central_and_modules_that_die_come_back(tmp_path: Path) -> None:
+def test_killed_central_and_modules_are_restarted(tmp_path: Path) -> None:
     address = f"ipc://{tmp_path}/central.sock"
     (tmp_path / "legs.py").write_text(LEGS)
     text = f"""{HASTY}
@@ -222,7 +222,7 @@ hung = "restart"
     assert not guard.is_alive(second)
 
 
-def test_the_example(tmp_path: Path) -> None:
+def test_robot_file_of_the_example_runs(tmp_path: Path) -> None:
     """A round is finished though the program that drives dies in its midst."""
     example = Path(__file__).parents[2] / "examples" / "robot"
     for program in example.iterdir():

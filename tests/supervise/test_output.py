@@ -9,7 +9,7 @@ from module.real_central import until
 from tca_tools.supervise.output import LONGEST_LINE, MOST_WAITING, Lines, Output
 
 
-def test_lines_are_whole_or_cut() -> None:
+def test_output_lines_are_whole_or_cut() -> None:
     told: list[bytes] = []
     lines = Lines(told.append)
     for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
@@ -18,13 +18,13 @@ def test_lines_are_whole_or_cut() -> None:
     assert told == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
 
 
-def test_a_line_without_an_end_is_told_in_pieces() -> None:
+def test_endless_line_is_printed_in_pieces() -> None:
     told: list[int] = []
     Lines(lambda piece: told.append(len(piece))).feed(b"x" * (2 * LONGEST_LINE + 5))
     assert told == [LONGEST_LINE, LONGEST_LINE]
 
 
-def test_each_line_has_its_name(tmp_path: Path) -> None:
+def test_output_lines_have_their_program_name(tmp_path: Path) -> None:
     for in_colour, first in (
         (False, b"run  | hello\n"),
         (True, b"\x1b[36mrun  | \x1b[0mhello\x1b[0m\n"),
@@ -38,7 +38,7 @@ def test_each_line_has_its_name(tmp_path: Path) -> None:
         assert (tmp_path / "screen").read_bytes().startswith(first)
 
 
-def test_a_reader_that_stands_still_holds_nobody_back_and_is_told_what_it_missed() -> None:
+def test_stalled_reader_blocks_no_program_and_learns_its_gap() -> None:
     read, write = os.pipe()
     output = Output(["run"], write, in_colour=False)
     output.start()

@@ -54,14 +54,14 @@ def test_an_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
     until(lambda: not any(map(guard.is_alive, both)), "they have ended")
 
 
-def test_a_program_that_was_halted_ends_when_it_is_told_to(tmp_path: Path) -> None:
+def test_halted_program_ends_on_stop(tmp_path: Path) -> None:
     with Programs(tmp_path) as programs:
         start(programs, "idle", IDLE)
         programs.halt("idle")
         assert programs.stop("idle") == [-signal.SIGINT]
 
 
-def test_a_program_that_ends_by_itself_is_noticed(tmp_path: Path) -> None:
+def test_program_that_ends_early_is_noticed(tmp_path: Path) -> None:
     with Programs(tmp_path) as programs:
         start(programs, "short", ("echo", "hello"))
         time.sleep(0.1)
@@ -79,7 +79,7 @@ time.sleep(60)
 
 
 @pytest.mark.slow
-def test_no_program_outlives_a_starter_that_is_killed(tmp_path: Path) -> None:
+def test_no_program_survives_a_killed_starter(tmp_path: Path) -> None:
     with Process("-c", STARTER, str(tmp_path), *DEAF) as starter:
         groups = [int(word) for word in starter.stdout.readline().split()]
         os.kill(starter.pid, signal.SIGKILL)

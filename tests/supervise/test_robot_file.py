@@ -17,7 +17,7 @@ def loaded(folder: Path, text: str) -> RobotFile:
     return load(folder / "robot.toml")
 
 
-def test_a_wrong_file_says_which_key_and_what_to_do(
+def test_wrong_robot_file_names_the_key_and_the_remedy(
     tmp_path: Path, approve: Callable[..., None]
 ) -> None:
     def tell(text: str) -> str:
@@ -30,7 +30,7 @@ def test_a_wrong_file_says_which_key_and_what_to_do(
         loaded(tmp_path, "[modules.a\n")
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_robot_file_is_reported(tmp_path: Path) -> None:
     shown = CliRunner().invoke(run, [str(tmp_path / "robot.toml")])
     assert (shown.exit_code, "can't be read" in shown.output) == (2, True)
 
@@ -53,7 +53,7 @@ command = ["sh", "-c", "exit 1"]
 """
 
 
-def test_what_a_file_starts(tmp_path: Path) -> None:
+def test_robot_file_starts_its_programs(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     robot = loaded(tmp_path, FILE)
     assert [program.name for program in robot.programs] == ["central", "legs.1", "legs.2", "eyes"]
@@ -75,21 +75,21 @@ def test_what_a_file_starts(tmp_path: Path) -> None:
         robot.only(["leg"])
 
 
-def test_check_shows_it_and_starts_nothing(tmp_path: Path) -> None:
+def test_check_prints_the_plan_and_starts_nothing(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text("[modules.legs]\ncommand = 'touch begun'\n")
     shown = CliRunner().invoke(run, ["--check", str(tmp_path / "robot.toml")])
     assert (shown.exit_code, "touch begun" in shown.output) == (0, True)
     assert not (tmp_path / "begun").exists()
 
 
-def test_restarts_wait_longer_each_time_and_have_an_end() -> None:
+def test_restarts_back_off_and_have_a_limit() -> None:
     limits = Limits(restarts=4, within=60, delay=1, longest_delay=5)
     crashing, other = Restarts(limits), Restarts(limits)
     assert [crashing.delay(now) for now in range(5)] == [1, 2, 4, 5, None]
     assert [other.delay(now * 20) for now in range(10)] == [1, 2, 4, 4, 4, 4, 4, 4, 4, 4]
 
 
-def test_ends_in_words() -> None:
+def test_exit_statuses_are_described() -> None:
     assert [how_it_ended(code).split()[-1] for code in (0, 3, -11, -9)] == [
         "0",
         "3",

@@ -12,7 +12,7 @@ from tca_wire.vocabulary import DISK_FULL
 STARTS = 4
 
 
-def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
+def test_central_is_restarted_until_the_disk_has_room(tmp_path: Path) -> None:
     """Here there is room whenever one looks, and not when central starts; one crash would end
     all.
     """

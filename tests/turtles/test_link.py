@@ -23,7 +23,7 @@ def links(loss: float) -> Iterator[dict[str, StatusLink]]:
         yield {name: stack.enter_context(StatusLink(name, team, loss=loss)) for name in NAMES}
 
 
-def test_everything_arrives_though_half_of_the_datagrams_are_lost() -> None:
+def test_link_delivers_all_when_half_of_the_datagrams_are_lost() -> None:
     with links(loss=0.5) as made:
         for status in range(1, 6):
             made["a"].set_status(status)
@@ -32,7 +32,7 @@ def test_everything_arrives_though_half_of_the_datagrams_are_lost() -> None:
         assert sum(link.lost for link in made.values()) > 5
 
 
-def test_strangers_and_noise_are_ignored() -> None:
+def test_link_ignores_strangers_and_noise() -> None:
     with links(loss=0.0) as made, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         for noise in (b"", b"noise", bytes(20_000)):
             stranger.sendto(noise, made["a"]._own)
@@ -52,14 +52,14 @@ def test_strangers_and_noise_are_ignored() -> None:
         ("a = ", r"team\.toml can't be read"),
     ],
 )
-def test_a_team_that_can_not_be_used_says_why(tmp_path: Path, line: str, error: str) -> None:
+def test_unusable_team_says_why(tmp_path: Path, line: str, error: str) -> None:
     file = tmp_path / "team.toml"
     file.write_text(line)
     with pytest.raises(BadTeam, match=error):
         load_team(file)
 
 
-def test_the_file_of_a_team(tmp_path: Path) -> None:
+def test_team_file_is_read(tmp_path: Path) -> None:
     file = tmp_path / "team.toml"
     file.write_text('a = "localhost:7501"\n"b 2" = "10.0.0.7:7502"')
     assert load_team(file) == {"a": ("127.0.0.1", 7501), "b 2": ("10.0.0.7", 7502)}
@@ -73,7 +73,7 @@ def test_the_file_of_a_team(tmp_path: Path) -> None:
         ("b", "team.toml", "'b' can't listen at 127.0.0.1:"),
     ],
 )
-def test_a_task_server_that_can_not_be_linked_says_why(
+def test_unlinkable_task_server_says_why(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -95,7 +95,7 @@ def lines_with_code(text: str) -> set[int]:
     return lines
 
 
-def test_all_sections_of_the_paper_are_there() -> None:
+def test_listings_cover_all_sections_of_the_paper() -> None:
     sections = {row.listing.split()[0] for row in ROWS}
     assert sections >= {
         "2.3",
@@ -118,14 +118,14 @@ def test_all_sections_of_the_paper_are_there() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.listing for row in ROWS])
-def test_a_counterpart_is_as_short_as_its_listing(row: Row) -> None:
+def test_counterpart_is_as_short_as_its_listing(row: Row) -> None:
     assert row.here <= row.there
     if row.files:
         assert row.here == sum(code_lines(place) for place in row.files)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.listing for row in ROWS])
-def test_a_counterpart_has_a_test(row: Row) -> None:
+def test_counterpart_has_a_test(row: Row) -> None:
     for file, test in re.findall(r"`([\w/]+\.py): (\w+)`", row.test):
         assert f"def {test}(" in (ROOT / "tests" / file).read_text(), row
     assert "`" in row.test or row.here == 0
@@ -135,12 +135,12 @@ NAMES = re.findall(r"^\|[^|]*\| (.*) \|$", PAGE.partition("## The paper's names"
 OURS = sorted({name for row in NAMES for name in re.findall(r"`([A-Za-z_.]+)`", row)})
 
 
-def test_there_are_names() -> None:
+def test_listings_page_names_counterparts() -> None:
     assert len(OURS) > 25
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_a_name_on_the_page_exists(name: str) -> None:
+def test_listings_page_names_exist(name: str) -> None:
     first, _, attribute = name.partition(".")
     owner = getattr(tca_behaviours.missions, first, None) or getattr(charts, first)
     made = owner() if owner is Environment else owner  # what it has once it is made

@@ -5,7 +5,7 @@ from turtles.towns import bounded, carry_out, started, town
 from robots.turtle_sim.missions.machine import machine
 
 
-def test_its_states() -> None:
+def test_turtle_machine_has_the_papers_states() -> None:
     chart = machine([(1.0, 9.0)]).chart
     assert [(state.label, state.parent) for state in chart.states] == [
         ("patrol", -1),
@@ -21,7 +21,7 @@ def test_its_states() -> None:
     assert [arrow.target for arrow in chart.arrows if arrow.source == 8] == [1]
 
 
-def test_the_machine() -> None:
+def test_turtle_machine_runs() -> None:
     """The turtle never comes to the region: all points, then the middle, then from the
     beginning.
     """
@@ -33,7 +33,7 @@ def test_the_machine() -> None:
         assert not there.server.runs
 
 
-def test_the_region_ends_the_concurrence() -> None:
+def test_region_of_interest_ends_the_concurrence() -> None:
     """On its way to the first point the turtle comes through the region: the second point is never
     gone to.
     """

@@ -16,14 +16,14 @@ from tca_behaviours.missions import ConditionVerified, Mission
 from tca_behaviours.missions.console.names import ConsoleNames
 
 
-def test_patrol() -> None:
+def test_patrol_mission_visits_its_goals() -> None:
     with town() as there:
         carry_out(there, bounded(there, 7, patrol))
         assert started(there)[:7] == ["Wait", "GoTo", "Wait", "GoTo", "Wait", "GoTo", "Wait"]
         assert not there.server.runs
 
 
-def test_too_far(capsys: pytest.CaptureFixture[str]) -> None:
+def test_mission_reports_a_goal_that_is_too_far(capsys: pytest.CaptureFixture[str]) -> None:
     with town() as there:
         carry_out(there, too_far)
         assert started(there) == ["Wait", "GoTo", "GoTo"]
@@ -33,21 +33,21 @@ def test_too_far(capsys: pytest.CaptureFixture[str]) -> None:
     assert "timeout: it ran for 3 s" in said
 
 
-def test_background() -> None:
+def test_mission_runs_tasks_in_the_background() -> None:
     with town(Pose(5.5, 6.0)) as there:
         assert carry_out(there, background) == "the right one"
         assert started(there) == ["WaitForROI", "WaitForROI", "GoTo", "GoTo"]
         assert math.dist(there.place, (1.0, 6.0)) < 0.11
 
 
-def test_interrupted_on_the_way() -> None:
+def test_patrol_is_interrupted_in_the_region() -> None:
     with town(Pose(4.0, 6.0, theta=math.pi)) as there:
         carry_out(there, interrupted)
         assert started(there) == ["WaitForROI", "Wait", "GoTo", "Constant"]
         assert math.dist(there.place, (2.0, 6.0)) < 0.3
 
 
-def test_not_interrupted_where_the_way_leads_elsewhere() -> None:
+def test_patrol_is_not_interrupted_outside_the_region() -> None:
     with town(Pose(4.0, 6.0)) as there:
         carry_out(there, lambda mission: interrupted(mission, 9.0, 6.0))
         assert started(there) == ["WaitForROI", "Wait", "GoTo"]
@@ -55,13 +55,13 @@ def test_not_interrupted_where_the_way_leads_elsewhere() -> None:
         assert not there.server.runs
 
 
-def test_clear() -> None:
+def test_mission_clears_the_sheet() -> None:
     with town() as there:
         end = carry_out(there, lambda mission: mission.Clear(header={"frame_id": "Hello"}))
         assert end.text == "got an extra header, frame_id=Hello"
 
 
-def test_the_console() -> None:
+def test_console_runs_turtle_tasks() -> None:
     shown = list[str]()
 
     def type_lines(mission: Mission) -> None:
@@ -80,7 +80,7 @@ def test_the_console() -> None:
     assert any(text.startswith("GoTo {") and "completed" in text for text in shown)
 
 
-def test_the_end_of_a_show_ends_a_mission_whatever_it_does_about_conditions() -> None:
+def test_end_of_a_show_ends_a_mission_with_conditions() -> None:
     is_over = ShowIsOver()
 
     def never_ends(mission: Mission) -> None:
@@ -97,7 +97,7 @@ def test_the_end_of_a_show_ends_a_mission_whatever_it_does_about_conditions() ->
 
 
 @pytest.mark.soak
-def test_letters() -> None:
+def test_mission_draws_letters() -> None:
     with town() as there:
         carry_out(there, letters)
         drawn = [(stroke.points[0], stroke.points[-1]) for stroke in there.world.strokes]

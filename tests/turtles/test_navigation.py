@@ -42,13 +42,13 @@ def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
             yield there, told
 
 
-def test_move_base() -> None:
+def test_move_base_reaches_its_goal() -> None:
     with town_with_navigator() as (there, _):
         there.run("MoveBase", goal_x=2.0, goal_y=3.0, goal_yaw=1.0)
         assert there.pose == Pose(2.0, 3.0, 1.0)
 
 
-def test_what_fails_there_fails_here() -> None:
+def test_move_base_failure_fails_the_task() -> None:
     with (
         town_with_navigator() as (there, _),
         pytest.raises(TaskFailed, match="below the sheet") as failed,
@@ -57,7 +57,7 @@ def test_what_fails_there_fails_here() -> None:
     assert failed.value.failure == "no way"
 
 
-def test_what_is_stopped_here_is_stopped_there() -> None:
+def test_stopped_task_stops_move_base() -> None:
     with town_with_navigator() as (there, _):
         moving = there.start("MoveBase", goal_x=2.0, goal_y=3.0)
         there.central.advance(0.5)
@@ -67,7 +67,7 @@ def test_what_is_stopped_here_is_stopped_there() -> None:
         assert there.place == (5.0, 5.0)
 
 
-def test_move_goal() -> None:
+def test_move_goal_is_sent_and_reached() -> None:
     with town_with_navigator() as (there, told):
         moving = there.start("MoveGoal", goal_x=2.0, goal_y=3.0, resend_period=2.0)
         there.central.advance(1.9)
@@ -77,7 +77,7 @@ def test_move_goal() -> None:
         assert math.dist(there.place, (2.0, 3.0)) == 0.0
 
 
-def test_move_goal_need_not_wait() -> None:
+def test_move_goal_may_be_sent_without_waiting() -> None:
     with town_with_navigator() as (there, told):
         there.run("MoveGoal", goal_x=2.0, goal_y=3.0, wait_completion=False)
         assert told == [Target(2.0, 3.0)]

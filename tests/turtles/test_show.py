@@ -28,7 +28,7 @@ def show(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_mission_is_shown(tmp_path: Path) -> None:
+def test_show_runs_a_mission(tmp_path: Path) -> None:
     shown = show(tmp_path, "background", "--pace", "16")
     assert (shown.returncode, shown.stderr) == (0, "")
     assert re.search(
@@ -44,14 +44,14 @@ def test_a_mission_is_shown(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", [name for name in SHOWS if name not in ("background", "three-turtles")]
 )
-def test_so_are_the_others(tmp_path: Path, name: str) -> None:
+def test_show_runs_the_other_missions(tmp_path: Path, name: str) -> None:
     shown = show(tmp_path, name)
     assert (shown.returncode, shown.stderr) == (0, "")
     assert 'class="stroke"' in (tmp_path / "sheet.svg").read_text()
 
 
 @pytest.mark.soak
-def test_three_turtles_over_a_link_that_loses_half(tmp_path: Path) -> None:
+def test_three_turtles_meet_over_a_link_that_loses_half(tmp_path: Path) -> None:
     shown = show(tmp_path, "three-turtles", "--loss", "0.5", "--pace", "16")
     assert (shown.returncode, shown.stderr) == (0, "")
     assert list(checkpoints(shown.stdout)) == EXPECTED
@@ -60,7 +60,7 @@ def test_three_turtles_over_a_link_that_loses_half(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_three_robots_of_tca_run(tmp_path: Path) -> None:
+def test_three_turtles_run_under_tca_run(tmp_path: Path) -> None:
     """As the page says; in the turtles' own time."""
     with ExitStack() as stack:
         for turtle in MISSIONS:
@@ -107,7 +107,7 @@ def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:
             yield "came to", turtle, goals[turtle]
 
 
-def test_the_robots_files() -> None:
+def test_robot_files_of_the_turtles_are_valid() -> None:
     names = {
         path.name: [program.name for program in load(path).programs]
         for path in ROBOT.rglob("turtle*.toml")

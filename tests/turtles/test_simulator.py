@@ -16,7 +16,7 @@ def simulator(*names: str, pace: float = 1.0) -> Simulator:
     return Simulator(world, pace)
 
 
-def test_a_turtle_follows_commands_and_tells_where_it_is() -> None:
+def test_turtle_follows_commands_and_reports_its_pose() -> None:
     made = simulator("t")
     with (
         LocalCentral(stepped=True) as central,
@@ -31,7 +31,7 @@ def test_a_turtle_follows_commands_and_tells_where_it_is() -> None:
         assert user.get_variable(POSE).x == pytest.approx(2.0)
 
 
-def test_pens_and_the_sheet() -> None:
+def test_simulator_serves_pens_and_the_sheet() -> None:
     made = simulator("t")
     with (
         LocalCentral(stepped=True) as central,
@@ -50,7 +50,7 @@ def test_pens_and_the_sheet() -> None:
         assert user.query(SHEET).strokes == []
 
 
-def test_a_turtle_that_stands_still_says_nothing() -> None:
+def test_turtle_at_rest_sends_nothing() -> None:
     made = simulator("t")
     with LocalCentral(stepped=True) as central, made.module("t", central).running():
         central.advance(1.0)
@@ -59,7 +59,7 @@ def test_a_turtle_that_stands_still_says_nothing() -> None:
         assert central.transcript() == said
 
 
-def test_two_turtles_of_two_centrals_draw_on_one_sheet() -> None:
+def test_turtles_of_two_centrals_draw_on_one_sheet() -> None:
     made = simulator("t", "u", pace=2.0)
     with LocalCentral(stepped=True) as one, LocalCentral(stepped=True) as other:
         with made.module("t", one).running(), made.module("u", other).running():

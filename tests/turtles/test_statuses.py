@@ -27,7 +27,7 @@ def exchange(one: Statuses, other: Statuses) -> None:
     st.integers(0, 10**6),
     st.lists(st.tuples(st.sampled_from(NAMES), st.integers(-5, 5)), max_size=12),
 )
-def test_all_know_all_in_the_end_and_then_nobody_talks(
+def test_statuses_converge_and_then_traffic_stops(
     seed: int, changes: list[tuple[str, int]]
 ) -> None:
     network = LossyNetwork(NAMES, seed)
@@ -50,7 +50,7 @@ def test_all_know_all_in_the_end_and_then_nobody_talks(
     assert quiet_from - sent < 50  # what was on its way, with its answers
 
 
-def test_three_datagrams_do_where_nothing_is_lost() -> None:
+def test_three_datagrams_suffice_without_loss() -> None:
     a, b = Statuses("a", ["b"]), Statuses("b", ["a"])
     a.set(7)
     raw = a.due()[0][1]
@@ -63,7 +63,7 @@ def test_three_datagrams_do_where_nothing_is_lost() -> None:
     assert (a.status("b"), b.status("a")) == (0, 7)
 
 
-def test_news_never_overtake_their_causes() -> None:
+def test_statuses_never_overtake_their_causes() -> None:
     """b reacts to a; c hears of b only, and knows of a's status, too."""
     a, b, c = (Statuses(name, [other for other in NAMES if other != name]) for name in NAMES)
     exchange(a, c)
@@ -74,7 +74,7 @@ def test_news_never_overtake_their_causes() -> None:
     assert (c.status("b"), c.status("a")) == (1, 1)
 
 
-def test_a_robot_that_was_started_anew_is_believed_again() -> None:
+def test_restarted_robot_is_trusted_again() -> None:
     a, b = Statuses("a", ["b"]), Statuses("b", ["a"])
     for status in (1, 2, 3):
         a.set(status)
@@ -87,7 +87,7 @@ def test_a_robot_that_was_started_anew_is_believed_again() -> None:
     assert b.status("a") == 5
 
 
-def test_unknown_partners_and_silent_ones_and_misnamed_ones_are_told_apart() -> None:
+def test_unknown_silent_and_misnamed_partners_are_distinguished() -> None:
     a = Statuses("a", ["b", "c"])
     with pytest.raises(NoSuchPartner, match="'a' has no partner 'd': its partners are b, c"):
         a.status("d")
@@ -103,7 +103,7 @@ def test_unknown_partners_and_silent_ones_and_misnamed_ones_are_told_apart() -> 
 
 @given(st.binary(max_size=60))
 @example(b"\x93\xa4\x00\x00\x00\x80")  # a name that is no text
-def test_damaged_datagrams_change_nothing(raw: bytes) -> None:
+def test_damaged_datagram_changes_nothing(raw: bytes) -> None:
     a = Statuses("a", ["b"])
     try:
         a.receive("b", raw)
@@ -119,7 +119,7 @@ ENTRIES = st.dictionaries(
 
 
 @given(st.lists(st.builds(Datagram, NAMED, ENTRIES, st.booleans()), max_size=5))
-def test_whatever_partners_say_a_robot_keeps_its_own_status_and_can_change_it(
+def test_own_status_is_never_changed_by_partners(
     datagrams: list[Datagram],
 ) -> None:
     a = Statuses("a", ["b", "c"], status=7)

@@ -32,7 +32,7 @@ def team() -> Iterator[tuple[Town, StatusLink, StatusLink]]:
             yield there, own, partner
 
 
-def test_a_status_that_is_set_comes_to_the_partner() -> None:
+def test_set_status_reaches_the_partner() -> None:
     with team() as (there, _, partner):
         there.run("SetStatusSync", status=3)
         until_known(partner, "a", 3)
@@ -54,14 +54,14 @@ def test_wait_for_status_ends_when_the_partner_has_it() -> None:
         assert said[-1] == "waits for status 2: the status of 'b' is 1"
 
 
-def test_an_unknown_partner_fails_at_once() -> None:
+def test_wait_for_an_unknown_partner_fails_at_once() -> None:
     with team() as (there, _, _), pytest.raises(TaskFailed) as failed:
         there.run("WaitForStatusSync", partner="z", status=1)
     assert failed.value.failure == MISSION_TASK_INITIALISATION_FAILED.name
     assert "'a' has no partner 'z': its partners are b, c" in str(failed.value)
 
 
-def test_a_partner_that_never_comes_is_named_when_the_time_is_over() -> None:
+def test_wait_timeout_names_the_missing_partner() -> None:
     with team() as (there, _, _), pytest.raises(TaskFailed) as failed:
         there.run("WaitForStatusSync", partner="c", status=1, task_timeout=5.0)
     assert failed.value.failure == MISSION_TASK_TIMEOUT.name

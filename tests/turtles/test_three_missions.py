@@ -68,12 +68,12 @@ class Agent:
 
 
 @given(st.integers(0, 10**9))
-def test_the_checkpoints_come_in_their_order(seed: int) -> None:
+def test_three_missions_pass_checkpoints_in_order(seed: int) -> None:
     play(seed, loss=0.5)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.9])
-def test_so_they_do_where_nothing_is_lost_and_where_nearly_all_is(loss: float) -> None:
+def test_three_missions_keep_order_at_any_datagram_loss(loss: float) -> None:
     play(seed=1, loss=loss)
 
 

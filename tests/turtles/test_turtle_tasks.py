@@ -15,7 +15,7 @@ from tca_module.testing import LocalCentral
 COMPLETED = Status.COMPLETED | Status.TERMINATED
 
 
-def test_go_to_comes_to_its_goal_and_stands_still() -> None:
+def test_go_to_stops_at_its_goal() -> None:
     with town() as there:
         assert there.run("GoTo", goal_x=1.0, goal_y=1.0).status == COMPLETED
         there.central.advance(0.1)
@@ -23,7 +23,7 @@ def test_go_to_comes_to_its_goal_and_stands_still() -> None:
         assert (there.pose.linear_velocity, there.pose.angular_velocity) == (0.0, 0.0)
 
 
-def test_go_to_turns_on_the_spot_before_it_drives() -> None:
+def test_go_to_turns_before_it_drives() -> None:
     with town(Pose(5.0, 5.0, theta=math.pi)) as there:
         going = there.start("GoTo", goal_x=9.0, goal_y=5.0)
         there.central.advance(2.0)
@@ -32,7 +32,7 @@ def test_go_to_turns_on_the_spot_before_it_drives() -> None:
         assert math.dist(there.place, (9.0, 5.0)) < 0.11
 
 
-def test_a_go_to_that_is_stopped_stands_still() -> None:
+def test_stopped_go_to_stands_still() -> None:
     with town() as there:
         going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
         there.central.advance(1.0)
@@ -45,7 +45,7 @@ def test_a_go_to_that_is_stopped_stands_still() -> None:
             going.result(timeout=5)
 
 
-def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
+def test_running_go_to_accepts_a_new_goal_and_speed() -> None:
     with town() as there:
         going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
         there.central.advance(1.0)
@@ -58,7 +58,7 @@ def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
         assert math.dist(there.place, (6.5, 8.5)) < 0.11
 
 
-def test_wait_takes_its_time() -> None:
+def test_wait_task_lasts_its_duration() -> None:
     with town() as there:
         waiting = there.start("Wait", duration=2.0)
         there.central.advance(1.9)
@@ -67,7 +67,7 @@ def test_wait_takes_its_time() -> None:
         assert waiting.wait(timeout=5) is Outcome.DONE
 
 
-def test_wait_for_roi_ends_when_the_turtle_comes_by() -> None:
+def test_wait_for_roi_ends_when_the_turtle_enters_it() -> None:
     with town() as there:
         watch = there.start("WaitForROI", foreground=False, roi_x=9.0, roi_y=5.5, roi_radius=1.0)
         there.central.advance(1.0)
@@ -76,7 +76,7 @@ def test_wait_for_roi_ends_when_the_turtle_comes_by() -> None:
         assert watch.wait(timeout=5) is Outcome.DONE
 
 
-def test_set_pen_and_constant_draw_a_circle() -> None:
+def test_set_pen_and_constant_velocity_draw_a_circle() -> None:
     with town(Pose(5.0, 4.0)) as there:
         there.run("SetPen", r=200, g=60, b=40, width=5)
         there.run("Constant", linear=1.0, angular=1.0, duration=6.3)
@@ -89,7 +89,7 @@ def test_set_pen_and_constant_draw_a_circle() -> None:
         assert there.world.strokes == [stroke]
 
 
-def test_rotate_may_be_more_than_a_whole_turn() -> None:
+def test_rotate_accepts_more_than_a_full_turn() -> None:
     with town(Pose(5.0, 5.0, theta=1.0)) as there:
         there.run("Rotate", angle=-8.0, velocity=2.0)
         assert math.remainder(there.pose.theta - (1.0 - 8.0), math.tau) == pytest.approx(
@@ -98,7 +98,7 @@ def test_rotate_may_be_more_than_a_whole_turn() -> None:
         assert there.place == (5.0, 5.0)
 
 
-def test_clear_takes_an_argument_that_is_more_than_a_number() -> None:
+def test_clear_accepts_a_structured_argument() -> None:
     with town() as there:
         there.run("Constant", linear=1.0, duration=1.0)
         assert there.world.strokes
@@ -110,7 +110,7 @@ def test_clear_takes_an_argument_that_is_more_than_a_number() -> None:
         assert there.run("Clear").text == ""
 
 
-def test_without_a_simulator_tasks_say_what_is_missing() -> None:
+def test_turtle_tasks_say_that_the_simulator_is_missing() -> None:
     with LocalCentral() as central:
         server = TaskServer(
             "turtle", TurtleEnvironment(patience=0.0), folder=TASKS, central=central

@@ -22,7 +22,7 @@ def ends(made: TurtleWorld) -> list[tuple[tuple[float, float], tuple[float, floa
     return [(stroke.points[0], stroke.points[-1]) for stroke in made.strokes]
 
 
-def test_a_turtle_goes_ahead_and_draws_a_line_of_two_points() -> None:
+def test_turtle_draws_a_line_of_two_points() -> None:
     made = world()
     made.command("t", 2.0, 0.0)
     made.advance(1.0)
@@ -31,7 +31,7 @@ def test_a_turtle_goes_ahead_and_draws_a_line_of_two_points() -> None:
     assert stroke.points == [(5.0, 5.0), (pytest.approx(7.0), 5.0)]
 
 
-def test_a_turtle_turns_on_the_spot_and_draws_nothing() -> None:
+def test_turtle_draws_nothing_when_it_turns() -> None:
     made = world()
     made.command("t", 0.0, math.pi / 2)
     made.advance(1.0)
@@ -39,7 +39,7 @@ def test_a_turtle_turns_on_the_spot_and_draws_nothing() -> None:
     assert made.strokes == []
 
 
-def test_a_circle_comes_back_to_where_it_began() -> None:
+def test_circle_ends_where_it_started() -> None:
     made = world()
     for _ in range(8):
         made.command("t", 1.0, math.tau / 8)
@@ -51,7 +51,7 @@ def test_a_circle_comes_back_to_where_it_began() -> None:
     )
 
 
-def test_a_turtle_that_hears_no_more_stops() -> None:
+def test_turtle_stops_without_commands() -> None:
     made = world()
     made.command("t", 1.0, 0.1)
     made.advance(5.0)
@@ -60,7 +60,7 @@ def test_a_turtle_that_hears_no_more_stops() -> None:
     assert (pose.linear_velocity, pose.angular_velocity) == (0.0, 0.0)
 
 
-def test_walls_hold_a_turtle() -> None:
+def test_walls_stop_a_turtle() -> None:
     made = world(10.5, 5.0)
     made.command("t", 1.0, 0.0)
     made.advance(1.0)
@@ -68,12 +68,12 @@ def test_walls_hold_a_turtle() -> None:
     assert ends(made) == [((10.5, 5.0), (SIZE, 5.0))]
 
 
-def test_a_turtle_is_put_on_the_sheet() -> None:
+def test_turtle_is_placed_inside_the_sheet() -> None:
     pose = world(-3.0, 40.0).turtle("t").pose
     assert (pose.x, pose.y) == (0.0, SIZE)
 
 
-def test_pens_make_strokes_of_their_own_and_a_pen_that_is_up_makes_none() -> None:
+def test_each_pen_draws_its_strokes_and_a_raised_pen_none() -> None:
     made = world(1.0, 1.0)
     red = Pen(255, 0, 0, width=5)
     for pen in (Pen(), red, Pen(is_down=False), red):
@@ -85,7 +85,7 @@ def test_pens_make_strokes_of_their_own_and_a_pen_that_is_up_makes_none() -> Non
     assert red.colour == "#ff0000"
 
 
-def test_clearing_wipes_the_sheet_and_the_next_line_begins_where_the_turtle_is() -> None:
+def test_clear_wipes_the_sheet_and_the_next_line_starts_here() -> None:
     made = world()
     made.command("t", 1.0, 0.0)
     made.advance(0.5)
@@ -96,7 +96,7 @@ def test_clearing_wipes_the_sheet_and_the_next_line_begins_where_the_turtle_is()
 
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=40), st.floats(-2, 2), st.floats(-3, 3))
-def test_in_whatever_pieces_time_passes_the_lines_are_the_same(
+def test_lines_do_not_depend_on_the_time_step(
     pieces: list[float], linear: float, angular: float
 ) -> None:
     whole, slices = world(), world()
@@ -112,7 +112,7 @@ def test_in_whatever_pieces_time_passes_the_lines_are_the_same(
 
 
 @given(st.lists(st.tuples(st.floats(), st.floats()), max_size=20))
-def test_no_command_brings_a_turtle_off_the_sheet(commands: list[tuple[float, float]]) -> None:
+def test_no_command_moves_a_turtle_off_the_sheet(commands: list[tuple[float, float]]) -> None:
     made = world()
     for linear, angular in commands:
         made.command("t", linear, angular)
@@ -123,7 +123,7 @@ def test_no_command_brings_a_turtle_off_the_sheet(commands: list[tuple[float, fl
         assert -math.pi <= pose.theta <= math.pi
 
 
-def test_errors_say_what_there_is() -> None:
+def test_world_errors_name_what_exists() -> None:
     made = world()
     with pytest.raises(NoSuchTurtle, match="there is no turtle 'u': there are t"):
         made.command("u", 1.0, 0.0)
@@ -131,7 +131,7 @@ def test_errors_say_what_there_is() -> None:
         made.spawn("t")
 
 
-def test_the_picture_has_a_line_for_each_stroke_and_a_shape_for_each_turtle() -> None:
+def test_picture_has_each_stroke_and_each_turtle() -> None:
     made = world(1.0, 1.0)
     made.spawn("<u>", Pose(9.0, 10.8))
     made.set_pen("t", Pen(1, 2, 255, width=7))

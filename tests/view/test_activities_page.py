@@ -96,7 +96,7 @@ def allocated(town: Town) -> dict[str, list[str]]:
     }
 
 
-def test_an_application_is_seen_and_changed_while_it_runs(town: Town, look: Look) -> None:
+def test_application_page_shows_and_changes_a_running_one(town: Town, look: Look) -> None:
     page = look(town.address, f"?key={town.key}")
     expect(page.locator("#status")).to_have_text("running")
     expect(page.locator("#name")).to_have_text("robot")
@@ -162,7 +162,7 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     )
 
 
-def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look: Look) -> None:
+def test_verdict_is_red_when_measurement_refutes_the_analysis(town: Town, look: Look) -> None:
     hung = threading.Event()
     camera = Component[dict[str, int]]("camera", dict)
     camera.region("eye", period=0.5).state("open", activity=hung.wait, period=0.5, estimate=0.0001)
@@ -183,7 +183,7 @@ def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look
 
 
 @pytest.mark.soak
-def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(
+def test_application_stop_restart_and_loss_show_in_all_windows(
     town: Town, look: Look, window: BrowserContext
 ) -> None:
     page = look(town.address, f"?key={town.key}")
@@ -212,7 +212,7 @@ def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(
         second.close()
 
 
-def test_nobody_else_is_obeyed_here(town: Town) -> None:
+def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
     def post(key: str, asked: object) -> tuple[int, str]:
         request = urllib.request.Request(
             f"{town.address}api/send", json.dumps(asked).encode(), {"X-TCA-Key": key}, method="POST"

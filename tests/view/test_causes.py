@@ -18,9 +18,7 @@ pytestmark = pytest.mark.slow
 END = "in the end for calibrate {3}, which no module handles"
 
 
-def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_that(
-    look: Look, tmp_path: Path
-) -> None:
+def test_waiting_rows_and_header_name_the_final_cause(look: Look, tmp_path: Path) -> None:
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
@@ -47,7 +45,7 @@ def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_th
 
 
 @pytest.mark.soak
-def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_path: Path) -> None:
+def test_ended_task_is_not_named_as_a_cause(look: Look, tmp_path: Path) -> None:
     page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.5")
     page.set_viewport_size({"width": 2200, "height": 860})
     second, third = (page.locator(f".row[data-task='{number}'] .why") for number in (2, 3))
@@ -66,7 +64,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
 
 
 @pytest.mark.soak
-def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path: Path) -> None:
+def test_new_wait_has_no_duration(look: Look, tmp_path: Path) -> None:
     page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.0&task=3")
     page.set_viewport_size({"width": 2200, "height": 860})
     why, lead = page.locator(".row[data-task='3'] .why"), page.locator("#task .lead").first
@@ -89,9 +87,7 @@ def chain(number: int) -> Story:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("many", [3_000, pytest.param(20_000, marks=pytest.mark.soak)])
-def test_very_many_that_wait_one_for_the_other_are_told_what_for(
-    look: Look, tmp_path: Path, many: int
-) -> None:
+def test_very_long_chain_of_waits_names_its_causes(look: Look, tmp_path: Path, many: int) -> None:
     page = look(chain(many).write(tmp_path / "many"), f"#task={many + 1}")
     for key in ("End", "ArrowLeft", "End"):
         page.keyboard.press(key)
@@ -110,9 +106,7 @@ ASKED = (
 
 
 @pytest.mark.soak
-def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(
-    look: Look, tmp_path: Path
-) -> None:
+def test_cause_line_says_when_a_task_counts_more_than_once(look: Look, tmp_path: Path) -> None:
     story = Story().at(1.0)
     one, two = story.command("one", "user"), story.command("two", "user")
     story.queued(one).queued(two).at(2.0)
@@ -124,7 +118,7 @@ def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(
     expect(head).to_have_attribute("title", "a task that waits for several things counts for each")
 
 
-def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
+def test_delay_is_shown_in_every_view(look: Look, tmp_path: Path) -> None:
     page = look(made("delayed").write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
     expect(why).to_contain_text("until 3 s after ring bell {1} is achieved")

@@ -27,7 +27,7 @@ def crowded() -> Story:
 
 
 @pytest.mark.soak
-def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Path) -> None:
+def test_rows_below_the_edge_are_announced_and_reachable(look: Look, tmp_path: Path) -> None:
     page = look(crowded().write(tmp_path / "crowd"))
     labels = "tca.chart.layout.filter(({ top, bottom }) => top >= 20 && bottom <= tca.chart.height).map(({ row }) => row.label)"
     seen = page.evaluate(labels)
@@ -50,9 +50,7 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     assert page.evaluate(labels)[0] == "module 0"
 
 
-def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(
-    look: Look, tmp_path: Path
-) -> None:
+def test_rows_of_one_module_stand_together(look: Look, tmp_path: Path) -> None:
     page = look(made("bakery").write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
     order = ["oven / chamber", "oven / meter", "store / phone"]
@@ -86,9 +84,7 @@ LOOKS = """([time, before]) => {
 
 
 @pytest.mark.soak
-def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(
-    look: Look, tmp_path: Path
-) -> None:
+def test_killed_bar_has_a_dark_end_and_future_bar_is_paler(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk").at(1.0)
     for outcome in (Outcome.DONE, Outcome.KILLED):
         task = story.command("walk", "user")
@@ -109,7 +105,7 @@ def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(
 
 
 @pytest.mark.soak
-def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:
+def test_hover_names_the_user_who_suspended_a_task(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "mop", "dust").at(1.0)
     for name, by in (("mop", "tca suspend"), ("dust", "")):  # an older journal does not tell
         task = TaskId(story.command(name, "user"))
@@ -138,7 +134,7 @@ def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: P
 
 
 @pytest.mark.soak
-def test_times_are_said_as_elsewhere(look: Look, tmp_path: Path) -> None:
+def test_chart_times_have_the_form_of_other_tools(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(6700.0)
     page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
     expect(page.locator("#clock")).to_have_text("1:51:48.5")
@@ -156,9 +152,7 @@ def test_times_are_said_as_elsewhere(look: Look, tmp_path: Path) -> None:
     assert page.evaluate(said, lengths) == [*told]
 
 
-def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(
-    look: Look, tmp_path: Path
-) -> None:
+def test_bar_names_are_legible_and_marked_when_cut(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "hold the arm", "ask the eyes").at(1.0)
     for name, wait in (("hold the arm", 0.0), ("ask the eyes", 9.0)):
         task = story.command(name, "user")
@@ -178,7 +172,7 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(
 
 
 @pytest.mark.soak
-def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) -> None:
+def test_chart_shows_one_second_when_the_run_has_no_messages(look: Look, tmp_path: Path) -> None:
     page = look(
         Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new")
     )
@@ -197,9 +191,7 @@ def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) 
 
 
 @pytest.mark.soak
-def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(
-    look: Look, tmp_path: Path
-) -> None:
+def test_unhandled_bars_have_names_and_show_in_dark_mode(look: Look, tmp_path: Path) -> None:
     page = look(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")
     assert page.evaluate(f"({_OF_NOBODY}).step") > 10

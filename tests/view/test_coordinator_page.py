@@ -26,7 +26,7 @@ def marked(page: Page, kind: str, expected: str) -> None:
     until(page, script, [kind, expected])
 
 
-def test_the_machine_shows_what_it_foresees_at_any_moment(look: Look, delivery: Path) -> None:
+def test_machine_shows_its_preview_at_any_moment(look: Look, delivery: Path) -> None:
     page = look(delivery, "#t=1&task=2")
     page.wait_for_selector(".machine svg")
     picture = page.locator(".machine svg").element_handle()
@@ -43,7 +43,7 @@ def test_the_machine_shows_what_it_foresees_at_any_moment(look: Look, delivery: 
 
 
 @pytest.mark.soak
-def test_the_tree_marks_what_ran_ahead_as_known_at_the_moment(look: Look, delivery: Path) -> None:
+def test_tree_marks_early_work_as_known_at_the_moment(look: Look, delivery: Path) -> None:
     page = look(delivery, "#t=1&task=2")
     marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
     for moment, expected in (
@@ -55,7 +55,7 @@ def test_the_tree_marks_what_ran_ahead_as_known_at_the_moment(look: Look, delive
         until(page, marks, expected)
 
 
-def test_the_server_tells_which_states_are_likely(
+def test_server_reports_which_states_are_likely(
     serve: Callable[[Path], str], delivery: Path
 ) -> None:
     address = serve(delivery)
@@ -71,6 +71,6 @@ def test_the_server_tells_which_states_are_likely(
 
 
 @pytest.mark.soak
-def test_the_page_tells_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
+def test_page_says_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
     page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=4")
     until(page, "() => document.querySelector('#task .late')?.textContent.includes('undo=')")

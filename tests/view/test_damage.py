@@ -31,9 +31,7 @@ def more(story: Story) -> list[bytes]:
     return [record(entry) for entry in story.entries[known:]]
 
 
-def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes_and_also_if_none_does(
-    look: Look, tmp_path: Path
-) -> None:
+def test_damaged_entry_is_reported_with_and_without_a_later_one(look: Look, tmp_path: Path) -> None:
     story = walking()
     run = story.write(tmp_path / "run")
     first, second, third, fourth = more(story)
@@ -62,9 +60,7 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes_and_also_if_no
         expect(page.locator(".row").last).to_contain_text("rest")
 
 
-def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(
-    look: Look, tmp_path: Path
-) -> None:
+def test_journal_of_a_later_version_is_shown_as_far_as_known(look: Look, tmp_path: Path) -> None:
     story = walking()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")
     page = look(story.write(tmp_path / "run"))
@@ -99,7 +95,7 @@ def write_nonsense(run: Path) -> None:
         (shutil.rmtree, "can't be read"),
     ],
 )
-def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
+def test_journal_that_cannot_be_followed_is_reported(
     look: Look, tmp_path: Path, spoil: Callable[[Path], None], told: str
 ) -> None:
     run = walking().write(tmp_path / "run")
@@ -113,7 +109,7 @@ def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
 
 
 @pytest.mark.soak
-def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
+def test_repaired_or_restored_journal_is_read_again(
     look: Look, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
     run, away = walking().write(tmp_path / "run"), tmp_path / "away"
@@ -152,9 +148,7 @@ def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
     expect(page.locator(".row").last).to_contain_text("swim")
 
 
-def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(
-    look: Look, tmp_path: Path
-) -> None:
+def test_silent_server_is_reported_when_the_journal_is_damaged(look: Look, tmp_path: Path) -> None:
     run = walking().write(tmp_path / "run")
     page = look(run, clock=True)
     cut_short(run)
@@ -166,7 +160,7 @@ def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(
 
 
 @pytest.mark.soak
-def test_of_another_run_in_its_place_the_page_says_nothing(
+def test_page_ignores_another_run_in_the_same_place(
     look: Look, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
     run = walking().write(tmp_path / "run")

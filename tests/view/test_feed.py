@@ -80,7 +80,7 @@ class FedPlayer(Player):
 
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=40)
-def test_a_page_that_follows_knows_what_the_history_knows(
+def test_following_page_knows_all_of_the_history(
     operations: list[tuple[str, int, int, int, int]],
 ) -> None:
     player = FedPlayer()
@@ -200,7 +200,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     assert sorted(spans.values()) == sorted(has_coped(history, run) for run in bad)
 
 
-def test_the_columns_of_a_walk() -> None:
+def test_walk_has_the_expected_columns() -> None:
     feed, page = Feed(), Page()
     for entry in stumbling().entries:
         feed.apply(entry)
@@ -227,7 +227,7 @@ def test_the_columns_of_a_walk() -> None:
     } == holds
 
 
-def test_a_module_that_handled_nothing_has_a_row() -> None:
+def test_idle_module_has_a_row() -> None:
     story = Story().module("user").module("lamp", "shine", resource="bulb").at(1.0)
     story.say(facts.ModuleLeft("lamp", "its process ended")).at(2.0).module(
         "lamp", "shine", resource="bulb"
@@ -245,7 +245,7 @@ def test_a_module_that_handled_nothing_has_a_row() -> None:
     assert page.table("end") == [(0, 1.0, "")]
 
 
-def test_a_monitor_whose_action_goes_on_watches_no_longer() -> None:
+def test_monitor_stops_watching_while_its_action_runs() -> None:
     story = Story().module("eyes", "look").module("arm", "lift").at(1.0)
     monitor = story.received("look", MessageClass.POINT_MONITOR, "user")
     story.reached(monitor, Moment.START_PLANNING, Moment.END_PLANNING)
@@ -262,7 +262,7 @@ def test_a_monitor_whose_action_goes_on_watches_no_longer() -> None:
     ]
 
 
-def test_nothing_new_is_an_empty_frame() -> None:
+def test_feed_sends_an_empty_frame_when_nothing_changed() -> None:
     feed, page = Feed(), Page()
     for entry in walking().entries:
         feed.apply(entry)
@@ -271,7 +271,7 @@ def test_nothing_new_is_an_empty_frame() -> None:
     assert not any(columns.values())
 
 
-def test_each_failure_is_told_with_its_message() -> None:
+def test_feed_reports_each_failure_with_its_message() -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
     story.say(facts.Delivered(77, move, "legs", "legs")).at(2.0).say(
@@ -289,7 +289,7 @@ def test_each_failure_is_told_with_its_message() -> None:
     ]
 
 
-def test_messages_have_the_colours_of_other_charts() -> None:
+def test_feed_uses_the_colours_of_other_charts() -> None:
     story = walking()
     story.at(4.0).say(
         facts.HandledDirectly(
@@ -304,7 +304,7 @@ def test_messages_have_the_colours_of_other_charts() -> None:
     assert feed.colours() == {name: dark(number) for number, name in enumerate(names)}
 
 
-def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(
+def test_verdict_is_sent_when_it_changes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's

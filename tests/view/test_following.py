@@ -58,7 +58,7 @@ def first_number(step: int) -> int:
     return step * 4 + 1
 
 
-def test_what_one_goes_to_is_in_sight(look: Look, walk: Path) -> None:
+def test_jump_target_is_in_sight(look: Look, walk: Path) -> None:
     page = look(walk, "#t=15")
     expect(page.locator(".row").first).to_be_visible()
     page.keyboard.press("]")
@@ -95,7 +95,7 @@ def is_in_sight_by_its_bar(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_path: Path) -> None:
+def test_failed_query_is_not_taken_for_the_chosen_task(look: Look, tmp_path: Path) -> None:
     story = Story().module("eyes", "look").at(1.0)
     move = story.command("move", "user")
     query = story.at(2.0).received("look", MessageClass.QUERY, "user")
@@ -110,9 +110,7 @@ def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_p
 
 
 @pytest.mark.soak
-def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_scrolls(
-    look: Look, walk: Path
-) -> None:
+def test_idle_tree_follows_the_last_change_until_scrolled(look: Look, walk: Path) -> None:
     page = look(walk)
     who_scrolls_is_left_alone_until_he_asks(page)
     for share in (0.5, 0.999):
@@ -158,7 +156,7 @@ def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path: Path) -> None:
+def test_newest_wait_is_in_sight_when_everything_waits(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "step")
     for number in range(50):
         task = story.at(float(number)).command("open door", "user")
@@ -172,9 +170,7 @@ def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path
 
 
 @pytest.mark.soak
-def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(
-    look: Look, tmp_path: Path
-) -> None:
+def test_header_names_the_hidden_ancestors_of_visible_rows(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "day", "visit").module("legs", "move").at(1.0)
     day = story.goal("day", "user")
     story.delivered(day, "planner").reached(day, Moment.START_ACHIEVING)

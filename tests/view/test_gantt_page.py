@@ -18,9 +18,7 @@ ROOM = "document.querySelector('main').getBoundingClientRect().left + document.q
 IS_FITTED = f"() => Math.abs({EDGE} - ({ROOM})) < 1"
 
 
-def test_the_chart_opens_as_wide_as_the_window_and_is_zoomed_from_there(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_chart_opens_at_window_width_and_zooms(browser: Browser, tmp_path: Path) -> None:
     page_file = tmp_path / "run.html"
     result = CliRunner().invoke(
         gantt, [str(long_walk().write(tmp_path / "run")), "-o", str(page_file)]
@@ -48,7 +46,7 @@ LABELS = """() => [...document.querySelectorAll('.tick')].map((one) => one.getBo
 
 
 @pytest.mark.soak
-def test_the_labels_of_the_axis_are_whole_at_its_edges(browser: Browser, tmp_path: Path) -> None:
+def test_axis_labels_are_whole_at_the_edges(browser: Browser, tmp_path: Path) -> None:
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "user")
     run = story.delivered(walk, "legs").at(160.0).returned(walk).write(tmp_path / "run")
@@ -75,7 +73,7 @@ SEEN = """() => {
 }"""
 
 
-def test_a_bar_that_fills_the_window_has_its_name(browser: Browser, tmp_path: Path) -> None:
+def test_bar_wider_than_the_window_has_its_name(browser: Browser, tmp_path: Path) -> None:
     """A walk of three minutes, of which eight seconds in the middle are seen, then its end."""
     story = Story().module("legs", "walk").module("eyes", "look").at(10.0)
     walk, look = story.goal("walk", "user"), story.goal("look", "user")

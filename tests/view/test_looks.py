@@ -37,7 +37,7 @@ def day() -> Story:
 
 
 @pytest.mark.soak
-def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_path: Path) -> None:
+def test_ended_run_is_shown_from_its_first_task(look: Look, tmp_path: Path) -> None:
     run, seen = day().say(facts.Closed("done")).write(tmp_path / "day"), ".row[data-task='{}']"
     page = look(run)
     expect(page.locator(seen.format(8))).to_be_in_viewport()
@@ -51,7 +51,7 @@ def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_pa
 
 
 @pytest.mark.soak
-def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:
+def test_future_bar_has_a_dark_name(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "turn").at(1.0)
     for name in ("walk", "turn"):
         story.acted(story.command(name, "user"), "legs", 10.0)
@@ -80,9 +80,7 @@ def leaves_the_labels_of_the_axis_free(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(
-    look: Look, tmp_path: Path
-) -> None:
+def test_ended_run_without_failures_opens_fully_expanded(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "day", "walk").module("legs", "move").at(1.0)
     top = story.goal("day", "user", to="planner", begins=True)
     for _ in range(8):
@@ -102,9 +100,7 @@ def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(
 
 
 @pytest.mark.soak
-def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(
-    look: Look, tmp_path: Path
-) -> None:
+def test_failure_is_shown_once_with_data_when_it_has_no_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "move").at(1.0)
     walk = story.goal("walk", "user", to="legs", begins=True)
     move = story.command("move", "legs", walk, to="legs")
@@ -130,9 +126,7 @@ def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(
     expect(page.locator("#clock")).to_have_text("3.000 s")
 
 
-def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_columns_stand_still(
-    look: Look, tmp_path: Path
-) -> None:
+def test_live_chart_shows_the_last_seconds_and_the_chosen_task(look: Look, tmp_path: Path) -> None:
     page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=20")
     leaves_the_labels_of_the_axis_free(page)
     page.evaluate("tca.slider.setTime(38)")
@@ -169,7 +163,7 @@ def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_column
     assert len(set(page.evaluate(places))) == 1  # columns stand still
 
 
-def test_who_talks_to_whom(look: Look, tmp_path: Path) -> None:
+def test_message_columns_name_sender_and_handler(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=1")
     page.locator("#tab-traffic").click()
     pairs, rows = page.locator("#traffic .pair"), page.locator("#traffic tr:not(.pair)")

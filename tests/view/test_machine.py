@@ -65,7 +65,7 @@ def active(page: Page) -> Any:
     )
 
 
-def test_active_states_follow_the_moment_that_is_shown(look: Look, patrol: Path) -> None:
+def test_active_states_follow_the_shown_moment(look: Look, patrol: Path) -> None:
     page = look(patrol, "#t=2&task=1")
     assert active(page) == "Wait patrol"
     picture = page.locator(".machine svg").element_handle()
@@ -91,7 +91,7 @@ def test_active_states_follow_the_moment_that_is_shown(look: Look, patrol: Path)
     expect(page.locator(".machine")).to_have_text("201 states are too many for a picture")
 
 
-def test_the_server_tells_pictures_of_machines_only(
+def test_server_serves_machine_pictures_of_machines_only(
     serve: Callable[[Path], str], patrol: Path
 ) -> None:
     address = serve(patrol)
@@ -109,7 +109,7 @@ def test_the_server_tells_pictures_of_machines_only(
             asked(nothing)
 
 
-def test_the_server_finds_a_message_while_it_reads(
+def test_server_finds_a_message_while_it_reads(
     serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
     """The server read 2,000 entries at a time, and said of later ones that they are not in the

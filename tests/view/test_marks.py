@@ -17,7 +17,7 @@ from view.conftest import Look, until
 pytestmark = pytest.mark.slow
 
 
-def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -> None:
+def test_handled_failures_are_marked_and_found(look: Look, tmp_path: Path) -> None:
     page = look(made("recovered").write(tmp_path / "walk"), "#t=0.5")
     expect(page.locator("#counts")).to_be_attached()
     for clock in ("2.000 s", "6.000 s"):
@@ -69,7 +69,7 @@ def baking() -> Story:
     return story.say(facts.Closed("done"))
 
 
-def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: Path) -> None:
+def test_failure_is_shown_under_the_task_killed_for_it(look: Look, tmp_path: Path) -> None:
     page = look(baking().write(tmp_path / "kitchen"))
     cake, heat = 61, 63
     expect(page.locator(f".row[data-task='{cake}'] .why")).to_contain_text("killed")
@@ -91,7 +91,7 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
 
 
 @pytest.mark.soak
-def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_path: Path) -> None:
+def test_replaced_task_is_amber(look: Look, tmp_path: Path) -> None:
     page = look(made("replaced").write(tmp_path / "walk"))
     expect(page.locator("#counts")).to_be_attached()
     page.locator(".row[data-task='2'] .name").click()
@@ -136,18 +136,14 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
 
 
 @pytest.mark.soak
-def test_the_mark_of_what_failed_in_a_closed_task_is_red_if_not_all_of_it_was_handled(
-    look: Look, tmp_path: Path
-) -> None:
+def test_collapsed_mark_is_red_when_a_failure_was_not_handled(look: Look, tmp_path: Path) -> None:
     page = look(made("not_replaced").write(tmp_path / "walk"))
     page.locator(".row[data-task='1'] .twist").click()
     expect(page.locator(".hidden-failure")).to_have_class("hidden-failure")
 
 
 @pytest.mark.soak
-def test_what_is_being_recovered_says_who_does_that_and_for_how_long(
-    look: Look, tmp_path: Path
-) -> None:
+def test_recovering_task_names_its_handler_and_duration(look: Look, tmp_path: Path) -> None:
     page = look(made("in_recovery").write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
     expect(told).to_have_text(
@@ -158,7 +154,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])
-def test_a_query_that_failed_is_amber_if_who_asked_went_on(
+def test_failed_query_is_amber_when_its_asker_continued(
     look: Look, tmp_path: Path, *, passed_on: bool, tint: str
 ) -> None:
     page = look(made("asking_in_vain" if passed_on else "asking").write(tmp_path / "ask"))
@@ -195,7 +191,7 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
 
 
 @pytest.mark.soak
-def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_path: Path) -> None:
+def test_failed_direct_query_is_amber(look: Look, tmp_path: Path) -> None:
     story = Story().module("eye", "look", "log").at(1.0)
     for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
         story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
@@ -210,7 +206,7 @@ def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_
 
 
 @pytest.mark.soak
-def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(
+def test_failure_raised_outside_the_handler_is_marked_on_the_bar(
     look: Look, tmp_path: Path
 ) -> None:
     story = Story().module("legs", "move", resource="left").at(1.0)
@@ -255,7 +251,7 @@ def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(
 
 
 @pytest.mark.soak
-def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> None:
+def test_running_bar_is_not_marked_failed(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
     story.delivered(move, "legs").at(9.0).returned(move, Outcome.FAILED).say(

@@ -25,9 +25,7 @@ def line(page: Page, task: int) -> Locator:
     return page.locator(f".row[data-task='{task}']")
 
 
-def test_why_a_task_waits_is_seen_without_a_click_and_on_a_narrow_screen_names_are(
-    look: Look, tmp_path: Path
-) -> None:
+def test_reason_of_a_wait_shows_without_a_click(look: Look, tmp_path: Path) -> None:
     page = look(walking().write(tmp_path / "walk"))
     expect(line(page, 9)).to_contain_text(
         "until its parent take steps {3} is being achieved; in the end for move body {7}"
@@ -51,7 +49,7 @@ def test_why_a_task_waits_is_seen_without_a_click_and_on_a_narrow_screen_names_a
     assert page.locator("#slider").bounding_box()["width"] > 300  # type: ignore[index]
 
 
-def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> None:
+def test_failed_run_can_be_explored(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
@@ -93,7 +91,7 @@ def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> N
 
 
 @pytest.mark.soak
-def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> None:
+def test_page_names_other_runs_in_the_folder(look: Look, tmp_path: Path) -> None:
     folder = stumbling().write(tmp_path / "walk", segments=3)
     (folder / "00000002.tcaj").unlink()
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "earlier", 1, 1.0, "0.1.0")])
@@ -104,7 +102,7 @@ def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> Non
     expect(page.locator("#status")).to_have_text("ended")
 
 
-def test_the_past_is_shown_step_by_step_and_played(look: Look, tmp_path: Path) -> None:
+def test_past_is_shown_step_by_step_and_played(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=1.4&task=7")
     expect(page.locator("#clock")).to_have_text("1.400 s")
     expect(line(page, 7)).to_contain_text("until move leg {6} is achieved")
@@ -153,9 +151,7 @@ def is_dragged_and_played(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_the_chart_begins_with_the_first_message_ends_with_the_last_and_has_modules_that_handled_nothing(
-    look: Look, tmp_path: Path
-) -> None:
+def test_chart_spans_first_to_last_message_with_idle_modules(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").module("lamp", "shine").at(100.0)
     story.acted(story.command("move", "user"), "legs", 10.0).at(160.0).say(
         facts.ModuleLeft("lamp", "gone")
@@ -178,7 +174,7 @@ def test_the_chart_begins_with_the_first_message_ends_with_the_last_and_has_modu
 
 
 @pytest.mark.soak
-def test_the_name_of_the_run_is_whole_beside_many_states(look: Look, tmp_path: Path) -> None:
+def test_run_name_is_whole_beside_many_states(look: Look, tmp_path: Path) -> None:
     story = stumbling()
     story.queued(story.command("rest", "user")).command("wait", "user")
     page = look(story.write(tmp_path / "walk over the hills of mars"))
@@ -189,7 +185,7 @@ def test_the_name_of_the_run_is_whole_beside_many_states(look: Look, tmp_path: P
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), width
 
 
-def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
+def test_text_from_users_is_escaped(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"
     walk = story.goal(evil, "<i>user</i>", data={evil: "</script>"})
@@ -206,9 +202,7 @@ def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     assert not re.search("[\x00\x1b\u202e]", pane.evaluate("(pane) => pane.textContent"))
 
 
-def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(
-    look: Look, tmp_path: Path
-) -> None:
+def test_truncated_journal_is_shown_with_a_warning(look: Look, tmp_path: Path) -> None:
     data = stumbling().encoded()
     place = data.index(b"terrain collision")
     damaged = tmp_path / "damaged.tcaj"
@@ -225,7 +219,7 @@ def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(
 WALK, MOVE = Goal("walk", int), Command("move", int)
 
 
-def test_a_live_central_is_followed(look: Look, tmp_path: Path) -> None:
+def test_page_follows_a_live_central(look: Look, tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon, connect("user", daemon.address) as user:
         legs, feet = Module("legs", daemon.address), Module("feet", daemon.address)
 
@@ -297,9 +291,7 @@ class Halting(Log):
 
 
 @pytest.mark.soak
-def test_the_address_is_kept_until_what_it_names_has_been_read(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_address_is_retained_until_its_target_is_read(browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "long.tcaj"
     path.write_bytes(many_tasks(5_000))
     log, wanted = Halting(path, first=5_000), "#t=400.5&task=4000"
@@ -318,7 +310,7 @@ def test_the_address_is_kept_until_what_it_names_has_been_read(
 
 @pytest.mark.soak
 @pytest.mark.parametrize("many", [5_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_very_many_tasks_stay_usable(look: Look, tmp_path: Path, many: int) -> None:
+def test_page_stays_usable_with_very_many_tasks(look: Look, tmp_path: Path, many: int) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(many_tasks(many))
     page = look(log)

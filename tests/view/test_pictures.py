@@ -52,7 +52,7 @@ def widths(page: Page) -> Any:
     )
 
 
-def test_pictures_are_those_of_the_moment(look: Look, arm: Path) -> None:
+def test_pictures_belong_to_the_shown_moment(look: Look, arm: Path) -> None:
     page = look(arm, "#t=0.5")
     expect(page.locator("#pictures")).to_be_hidden()
     for moment, expected in (
@@ -71,7 +71,7 @@ def test_pictures_are_those_of_the_moment(look: Look, arm: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_closed_picture_is_not_fetched_until_it_is_opened(look: Look, arm: Path) -> None:
+def test_closed_picture_is_fetched_when_opened(look: Look, arm: Path) -> None:
     page = look(arm, "#t=1.5")
     picture = page.locator("#pictures details").first
     until(page, "() => document.querySelector('#pictures img').naturalWidth === 11")
@@ -87,7 +87,7 @@ def test_a_closed_picture_is_not_fetched_until_it_is_opened(look: Look, arm: Pat
 
 
 @pytest.mark.soak
-def test_other_values_are_no_pictures(look: Look, arm: Path) -> None:
+def test_other_values_are_not_pictures(look: Look, arm: Path) -> None:
     page = look(arm)
     box = page.locator("#pictures details", has_text="picture of mind")
     expect(box.locator("p")).to_have_text("this value is neither SVG as text nor PNG as bytes")
@@ -95,7 +95,7 @@ def test_other_values_are_no_pictures(look: Look, arm: Path) -> None:
     expect(page.locator("#pictures details")).to_have_count(3)
 
 
-def test_the_server_tells_values_of_pictures_only(serve: Callable[[Path], str], arm: Path) -> None:
+def test_server_serves_picture_values_only(serve: Callable[[Path], str], arm: Path) -> None:
     address = serve(arm)
     kind, data = answer(f"{address}api/picture/1")["image"].split(",")
     assert (kind, base64.b64decode(data).decode()) == ("data:image/svg+xml;base64", svg(11))

@@ -31,7 +31,7 @@ def moments(page: Page, number: int, milliseconds: int) -> list[float]:
     return found
 
 
-def test_a_run_is_played(look: Look, quiet: Path) -> None:
+def test_play_button_plays_a_run(look: Look, quiet: Path) -> None:
     """One page for all: its clock is the test's, and takes the browser longest."""
     page = look(quiet, clock=True)
     for time, plays in (
@@ -117,7 +117,7 @@ def moves_zoomed_chart(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_a_zoomed_chart_shows_where_one_steps(look: Look, quiet: Path) -> None:
+def test_zoomed_chart_follows_the_steps(look: Look, quiet: Path) -> None:
     page = look(quiet, "#t=2")
     expect(page.locator("#clock")).to_have_text("2.000 s")
     page.evaluate("Object.assign(tca.chart, { from: 1.5, to: 2.5 })")

@@ -33,7 +33,7 @@ def queue_of(number: int) -> Story:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("number", [3_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_a_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: int) -> None:
+def test_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: int) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(queue_of(number).encoded())
     page = look(log)
@@ -68,9 +68,7 @@ def lanes_on(page: Page, label: str) -> Any:
 
 
 @pytest.mark.soak
-def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(
-    look: Look, tmp_path: Path
-) -> None:
+def test_refilled_queue_has_the_layout_of_other_charts(look: Look, tmp_path: Path) -> None:
     story, life = Story().module("legs", "move"), random.Random(1)
     waiting: list[int] = []
     for second in range(1, 120):
@@ -170,9 +168,7 @@ def numbers_on(page: Page, width: int) -> list[str]:
     return numbers(page)
 
 
-def test_numbers_of_the_whole_run_are_those_of_tca_gantt_and_of_a_part_those_of_that(
-    look: Look, tmp_path: Path
-) -> None:
+def test_figures_match_tca_gantt_for_whole_and_part(look: Look, tmp_path: Path) -> None:
     story = bursts()
     page = look(story.write(tmp_path / "bursts"))
     expect(page.locator("#status")).to_have_text("ended")

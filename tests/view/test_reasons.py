@@ -21,9 +21,7 @@ WHOLE = "for controller of all legs, which terrain scanner has locked while hand
 TRACE = "it slipped on ice\n  File 'legs.py', line 7\n    " + "deep " * 80 + "at the root"
 
 
-def test_a_reason_is_cut_where_there_is_little_room_and_whole_at_the_mouse_and_in_the_pane(
-    look: Look, tmp_path: Path
-) -> None:
+def test_reason_is_cut_in_the_row_and_whole_on_hover(look: Look, tmp_path: Path) -> None:
     page = look(made("locked").write(tmp_path / "walk"))
     why = page.locator(".row[data-task='2'] .why")
     for width, text in {2400: f"{WHOLE}, for 3 s", 1440: WHOLE}.items():
@@ -41,7 +39,7 @@ def test_a_reason_is_cut_where_there_is_little_room_and_whole_at_the_mouse_and_i
 
 
 @pytest.mark.soak
-def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
+def test_narrow_row_shows_the_last_cause(look: Look, tmp_path: Path) -> None:
     story = (
         Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
     )
@@ -66,7 +64,7 @@ def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
+def test_past_reason_excludes_later_facts(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
     expect(page.locator("#task .state")).to_have_text("handling")
     times = page.locator("#task > table").first
@@ -85,7 +83,7 @@ def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) 
 
 
 @pytest.mark.soak
-def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
+def test_past_reason_of_a_query_excludes_later_facts(look: Look, tmp_path: Path) -> None:
     story = Story().module("eyes", "look").at(1.0)
     query = story.received("look", MessageClass.QUERY, "user")
     story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED, data={"seen": 0})
@@ -100,9 +98,7 @@ def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are_met_a_few(
-    look: Look, tmp_path: Path
-) -> None:
+def test_holding_constraints_come_before_met_ones(look: Look, tmp_path: Path) -> None:
     """A clean waits for twenty moves, of which all but the second and the last are achieved."""
     story = Story().module("legs", "move").at(1.0)
     moves = [story.command("move", "user") for _ in range(20)]
@@ -128,9 +124,7 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
 
 
 @pytest.mark.soak
-def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(
-    look: Look, tmp_path: Path
-) -> None:
+def test_inherited_constraint_stands_among_the_own(look: Look, tmp_path: Path) -> None:
     """Meals are cooked one after the other; the second one's soup waits until that may be cooked,
     its bread for soup, too.
     """
@@ -157,7 +151,7 @@ def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(
 
 @pytest.mark.soak
 @pytest.mark.parametrize("letters", ["A", pytest.param("deep ", marks=pytest.mark.soak)])
-def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
+def test_long_text_is_shortened_and_whole_on_request(
     look: Look, tmp_path: Path, letters: str
 ) -> None:
     long = letters * (100_000 // len(letters))
@@ -178,7 +172,7 @@ def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
 
 
 @pytest.mark.soak
-def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: Path) -> None:
+def test_traceback_retains_its_lines_without_carets(look: Look, tmp_path: Path) -> None:
     text = "ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\n           ~^~\nZeroDivisionError: division"
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
@@ -195,7 +189,7 @@ def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: 
 
 
 @pytest.mark.soak
-def test_a_module_whose_work_is_done_did_not_fail(look: Look, tmp_path: Path) -> None:
+def test_module_that_finished_has_not_failed(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").module("eyes", "look").at(1.0)
     story.say(facts.ModuleLeft("legs", "it said goodbye")).at(2.0).say(
         facts.ModuleLeft("eyes", "its connection closed", lost=True)

@@ -68,7 +68,7 @@ def left_of(page: Page, what: str) -> float:
     return box["x"]
 
 
-def test_the_chart_is_legible_on_every_screen_and_on_paper(paged: Page) -> None:
+def test_report_chart_is_legible_on_screen_and_paper(paged: Page) -> None:
     for width in (2400, 1400):
         is_as_wide_as_the_screen(paged, width)
     for width in (2400, 900):

@@ -29,7 +29,7 @@ def runs_of(journal: Path | None) -> Iterator[Runs]:
         runs.stop()
 
 
-def test_who_looks_at_a_run_while_the_server_ends_is_not_waited_for(journals: Path) -> None:
+def test_server_end_does_not_wait_for_open_pages(journals: Path) -> None:
     """He has its reading and asks for the newest run; who stops them has the list of runs and wants
     the reading.
     """
@@ -80,7 +80,7 @@ def journals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_run_is_asked_for_as_before_when_another_begins_in_its_folder(journals: Path) -> None:
+def test_run_address_holds_when_another_starts_in_its_folder(journals: Path) -> None:
     folder = walking().write(journals / "walk")
     link_to(folder, "2026-01-01")
     with runs_of(None) as runs:
@@ -100,7 +100,7 @@ def test_a_run_is_asked_for_as_before_when_another_begins_in_its_folder(journals
         assert open_log(Path(old.address)).name == "walk#1"  # it names the run as LOG, too
 
 
-def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is_something(
+def test_empty_run_address_holds_after_the_first_write(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "walk"
@@ -119,7 +119,7 @@ def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is
         assert runs.show(empty) is runs.show(shown.address) is shown
 
 
-def test_folders_of_one_name_are_told_apart_by_those_in_which_they_lie(journals: Path) -> None:
+def test_folders_of_one_name_are_distinguished_by_parent(journals: Path) -> None:
     for number, where in enumerate(
         ("a/robot/journal", "b/robot/journal", "b/arm/journal", "walk", "a/walk")
     ):
@@ -136,7 +136,7 @@ def test_folders_of_one_name_are_told_apart_by_those_in_which_they_lie(journals:
     ]
 
 
-def test_a_run_whose_folder_was_replaced_is_there_no_more(journals: Path) -> None:
+def test_run_in_a_replaced_folder_is_gone(journals: Path) -> None:
     folder = walking().write(journals / "walk")
     with runs_of(folder) as runs:
         (before,) = runs.all()

@@ -45,7 +45,7 @@ def task(page: Page, name: str) -> None:
     expect(page.locator(".row .name")).to_have_text([name])
 
 
-def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew_and_an_older_one_can_be_chosen(
+def test_live_page_moves_to_the_run_of_a_restarted_central(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("first", WALK)
@@ -76,9 +76,7 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew_and_
 
 
 @pytest.mark.soak
-def test_the_note_leads_to_the_newer_run(
-    look: Look, serve: Callable[..., str], start: Start
-) -> None:
+def test_note_links_to_the_newer_run(look: Look, serve: Callable[..., str], start: Start) -> None:
     first = start("first", WALK)
     page = look(serve())
     task(page, "walk")
@@ -95,7 +93,7 @@ def begun_anew_after_a_kill(first: Central, start: Start) -> None:
 
 
 @pytest.mark.soak
-def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_folder(
+def test_chooser_names_the_shown_run_when_a_newer_exists(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("arm", WALK)
@@ -119,7 +117,7 @@ def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_f
 
 
 @pytest.mark.soak
-def test_the_way_back_to_a_run_in_the_same_folder(
+def test_back_button_returns_to_a_run_in_the_same_folder(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("arm", WALK)
@@ -134,9 +132,7 @@ def test_the_way_back_to_a_run_in_the_same_folder(
 
 
 @pytest.mark.soak
-def test_a_run_that_is_there_no_more_is_still_the_one_that_is_shown(
-    look: Look, serve: Callable[..., str], start: Start
-) -> None:
+def test_deleted_run_stays_on_the_page(look: Look, serve: Callable[..., str], start: Start) -> None:
     first, second = start("arm", WALK), start("leg", REST)
     page = look(serve())
     page.locator(".row").click()
@@ -156,7 +152,7 @@ def begin_another_in(folder: Path) -> None:
     (folder / "00000002.tcaj").write_bytes(story.encoded())
 
 
-def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
+def test_chooser_lists_each_run_of_a_folder(look: Look, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "mixed")
     begin_another_in(folder)
     page = look(folder)
@@ -190,7 +186,7 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
+def test_run_list_shows_the_whole_damage_of_a_journal(
     look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -218,7 +214,7 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
 
 
 @pytest.mark.soak
-def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
+def test_page_of_a_log_announces_a_newer_run_when_opened(
     look: Look, serve: Callable[..., str], tmp_path: Path
 ) -> None:
     folder = walking().write(tmp_path / "walk")
@@ -239,9 +235,7 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
 
 
 @pytest.mark.soak
-def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(
-    look: Look, tmp_path: Path
-) -> None:
+def test_page_of_an_old_log_ignores_runs_that_existed_before(look: Look, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "walk")
     begin_another_in(folder)
     page = look(folder.with_name("walk#1"))

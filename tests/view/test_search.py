@@ -16,7 +16,7 @@ from view.conftest import Look
 pytestmark = pytest.mark.slow
 
 
-def test_queries_and_informs_are_found_by_their_names(look: Look, tmp_path: Path) -> None:
+def test_search_finds_queries_and_informs_by_name(look: Look, tmp_path: Path) -> None:
     page = look(made("looking").write(tmp_path / "maps"))
     for words, order, told in (
         ("map", [4, 2, 3], "3 found"),
@@ -62,7 +62,7 @@ def test_queries_and_informs_are_found_by_their_names(look: Look, tmp_path: Path
     expect(page.locator("#found")).to_have_text("3 found")
 
 
-def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None:
+def test_search_finds_failures_by_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("stove", "fry", "boil").at(1.0)
     fry, boil = story.command("fry", "user"), story.command("boil", "user")
     story.delivered(fry, "stove").queued(boil, "stove").at(2.0).returned(fry, Outcome.FAILED)
@@ -87,7 +87,7 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
 
 
 @pytest.mark.soak
-def test_tasks_of_the_name_that_is_looked_for_come_first(look: Look, tmp_path: Path) -> None:
+def test_search_lists_exact_names_first(look: Look, tmp_path: Path) -> None:
     story = Story().module("fry van", "deliver").at(1.0)
     day, other = story.goal("day", "user"), story.command("deliver", "user")
     story.delivered(other, "fry van").at(2.0).returned(other).reached(other, Moment.END_ACHIEVING)

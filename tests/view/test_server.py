@@ -39,7 +39,7 @@ def asked(address: str, what: str) -> Any:
 END = "in the end for move leg {6}, which controller handles"
 
 
-def test_all_there_is_to_say_about_a_task(address: str) -> None:
+def test_server_gives_all_details_of_a_task(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "message/7?at=2.5")
     waits = [{"text": "waits until move leg {6} is achieved", "since": 1.4}]
@@ -62,7 +62,7 @@ def test_all_there_is_to_say_about_a_task(address: str) -> None:
     assert told["relations"] == [["sent by", "gait planner while handling take steps {2}"]]
 
 
-def test_notes_and_the_messages_around_a_moment(address: str) -> None:
+def test_server_gives_notes_and_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "notes?ids=4,7,99,x&at=2.5")
     assert [*told] == ["4", "7"]
@@ -76,7 +76,7 @@ def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     assert asked(address, "messages?place=99999&before=5&after=5") == []
 
 
-def test_nonsense_is_answered_with_nothing(address: str) -> None:
+def test_server_answers_nonsense_with_nothing(address: str) -> None:
     for what in ("notes", "notes?ids=-1,1e9&at=nan", "messages", "messages?place=x"):
         assert asked(address, what) in ({}, []) or what.startswith("messages")
     for since in ("{", "[]", '{"entry": -1}', '{"task": 1e300}', '{"entry": "x"}', "[" * 100_000):
@@ -87,7 +87,7 @@ def test_nonsense_is_answered_with_nothing(address: str) -> None:
             get(address + missing)
 
 
-def test_what_is_waited_for_in_the_end(address: str) -> None:
+def test_server_gives_the_final_cause_of_a_wait(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "causes?at=2.5")
     assert (told["waiting"], told["things"]) == (7, 1)
@@ -97,7 +97,7 @@ def test_what_is_waited_for_in_the_end(address: str) -> None:
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
 
 
-def test_the_run_of_a_question_is_named(address: str) -> None:
+def test_server_needs_the_run_of_each_request(address: str) -> None:
     assert [run["name"] for run in asked(address, "runs")] == ["walk"]
     (run,) = (run["run"] for run in asked(address, "runs"))
     assert asked(address, f"message/7?run={urllib.parse.quote(run)}")["id"] == 7
@@ -110,13 +110,13 @@ def test_the_run_of_a_question_is_named(address: str) -> None:
             asked(address, urllib.parse.quote(what, safe="/?=&"))
 
 
-def test_a_foreign_name_is_not_served(address: str) -> None:
+def test_server_refuses_a_foreign_host_name(address: str) -> None:
     with pytest.raises(urllib.error.HTTPError, match="400"):
         get(address, {"Host": "evil.example"})
     assert b"tca view" in get(address, {"Host": "localhost:1"})
 
 
-def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: Path) -> None:
+def test_remote_page_needs_the_token_of_its_address(tmp_path: Path) -> None:
     journal = str(walking().write(tmp_path / "walk"))
     with Process("tca", "view", journal, "--no-browser", "--host", "0.0.0.0") as server:
         found = re.search(r"http://0.0.0.0:(\d+)/\?access=(\S+)", server.stdout.readline())
@@ -142,7 +142,7 @@ def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: P
             assert json.loads(runs.read())
 
 
-def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
+def test_view_refuses_a_used_port_and_a_missing_journal(address: str, tmp_path: Path) -> None:
     port = address.rsplit(":", 1)[1].strip("/")
     taken = CliRunner().invoke(
         view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"]
@@ -152,7 +152,7 @@ def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path:
     assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
 
 
-def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) -> None:
+def test_view_refuses_what_is_not_a_journal_before_serving(tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.tcaj"
     foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
     told = CliRunner().invoke(view, [str(foreign), "--no-browser"])
@@ -164,7 +164,7 @@ def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
-def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -> None:
+def test_empty_journal_is_reported_as_empty(tmp_path: Path, is_folder: bool) -> None:
     log = tmp_path / "new"
     if is_folder:
         log.mkdir()
@@ -178,7 +178,7 @@ def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -
         assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
 
 
-def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: Path) -> None:
+def test_live_view_waits_for_an_empty_journal(serve: Callable[[Path], str], tmp_path: Path) -> None:
     log = tmp_path / "new.tcaj"
     log.touch()
     address = serve(log)
@@ -190,7 +190,7 @@ def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: 
     assert len(columns["task.id"]) == 8
 
 
-def test_a_page_that_was_away_is_told_at_once_that_the_server_is_back(address: str) -> None:
+def test_returning_page_learns_at_once_that_the_server_is_back(address: str) -> None:
     """Without that it was told when there was news, or after ten seconds."""
     known, _ = parsed(get(f"{address}api/frame"))
     since = urllib.parse.quote(json.dumps(known["lengths"]))

@@ -11,9 +11,7 @@ from view.conftest import Look
 pytestmark = pytest.mark.slow
 
 
-def test_the_page_shows_what_is_asked_for_and_the_newest_progress(
-    look: Look, tmp_path: Path
-) -> None:
+def test_page_shows_requests_and_the_newest_progress(look: Look, tmp_path: Path) -> None:
     page = look(made("grasping").write(tmp_path / "grasp"), "#t=3.5&task=1")
     why = page.locator(".row[data-task='1'] .why")
     expect(why).to_have_text('update requested, progress: {"force": 1}')

@@ -81,7 +81,7 @@ def say_yes(page: Page) -> None:
     page.locator("#steer button[type=submit]").click()
 
 
-def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot: Robot) -> None:
+def test_page_suspends_resumes_and_retries_a_task(look: Look, serve: Serve, robot: Robot) -> None:
     task, steering = robot.user.goal(PATROL, 3), Steering(robot.daemon.address)
     address = serve(robot.daemon.journal, steering)
     page = look(address, f"?key={steering.key.text}#t=0&task={task.id}")
@@ -103,9 +103,7 @@ def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot
     assert robot.begun == [3, 3]
 
 
-def test_a_task_is_killed_by_who_says_so_and_has_the_key(
-    look: Look, serve: Serve, robot: Robot
-) -> None:
+def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: Robot) -> None:
     task, steering = robot.user.goal(PATROL, 2), Steering(robot.daemon.address)
     page = look(serve(robot.daemon.journal, steering), f"?key={steering.key.text}")
     ask(page, "kill", task.id, rows=3)
@@ -152,7 +150,7 @@ def post(address: str, body: Any, **headers: str) -> tuple[int, str]:
         return error.code, json.loads(told)["error"] if told.startswith(b"{") else told.decode()
 
 
-def test_nobody_else_is_obeyed(serve: Serve, robot: Robot, tmp_path: Path) -> None:
+def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_path: Path) -> None:
     task, steering = robot.user.goal(PATROL, 1), Steering(robot.daemon.address)
     address = serve(robot.daemon.journal, steering)
     (run,) = [one["run"] for one in json.loads(read(address, "runs"))]

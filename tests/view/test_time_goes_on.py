@@ -51,9 +51,7 @@ def entries(page: Page) -> int:
     return int(page.evaluate("tca.store.times.length"))
 
 
-def test_waits_and_the_chart_grow_without_any_news(
-    look: Look, daemon: Central, user: Client
-) -> None:
+def test_waits_and_chart_grow_without_new_facts(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal)
     expect(page.locator(".row .why")).to_contain_text("for a module that handles walk, for ")
     page.locator(".row").click()
@@ -91,7 +89,7 @@ def test_waits_and_the_chart_grow_without_any_news(
     ("how", "state"),
     [(signal.SIGTERM, "ended"), pytest.param(signal.SIGKILL, "not closed", marks=pytest.mark.soak)],
 )
-def test_a_run_that_is_over_stands_still(
+def test_ended_run_stands_still(
     look: Look, daemon: Central, user: Client, how: int, state: str
 ) -> None:
     page = look(daemon.journal)
@@ -104,7 +102,7 @@ def test_a_run_that_is_over_stands_still(
 
 
 @pytest.mark.soak
-def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, user: Client) -> None:
+def test_hidden_tab_stands_still(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal, clock=True)  # whose time is the test's
     page.clock.run_for(1000)
     expect(page.locator(".row .age")).to_have_count(1)
@@ -122,7 +120,7 @@ def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, us
 
 
 @pytest.mark.soak
-def test_a_server_that_is_gone_is_no_run_that_goes_on(
+def test_page_stands_still_when_the_server_is_gone(
     look: Look, daemon: Central, user: Client
 ) -> None:
     page = look(daemon.journal)
@@ -144,7 +142,7 @@ def test_a_server_that_is_gone_is_no_run_that_goes_on(
     assert page.evaluate("tca.store.isLive")
 
 
-def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(
+def test_chosen_row_stays_in_place_when_rows_arrive_above(
     look: Look, daemon: Central, user: Client
 ) -> None:
     go_on, legs = Semaphore(0), Module("legs", daemon.address)

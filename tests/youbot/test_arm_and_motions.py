@@ -29,7 +29,7 @@ TICK = 0.01
     height=st.floats(0.05, 0.7),
     lean=st.floats(0.0, math.pi),
 )
-def test_the_joints_for_a_pose_bring_the_fingers_there(
+def test_inverse_kinematics_brings_the_fingers_to_the_pose(
     azimuth: float, reach: float, height: float, lean: float
 ) -> None:
     wanted = Grip(azimuth, reach, height, lean)
@@ -44,7 +44,7 @@ def test_the_joints_for_a_pose_bring_the_fingers_there(
     assert all(low <= angle <= high for angle, (low, high) in zip(joints, LIMITS, strict=True))
 
 
-def test_a_pose_out_of_reach_is_refused_with_its_reason() -> None:
+def test_pose_out_of_reach_is_refused_with_a_reason() -> None:
     with pytest.raises(PoseUnreachable, match=r"the wrist would be 0\.864 m from the shoulder"):
         joints_for(Grip(0.0, 1.1, 0.4, math.pi / 2))
     with pytest.raises(PoseUnreachable, match="joint 2 can't turn to 139 degrees"):
@@ -54,7 +54,7 @@ def test_a_pose_out_of_reach_is_refused_with_its_reason() -> None:
 @pytest.mark.parametrize(
     ("place", "pose", "box"), [("B", "box B", BOXES[0]), ("C", "box C", BOXES[1])]
 )
-def test_at_each_place_the_arm_reaches_its_box(place: str, pose: str, box: object) -> None:
+def test_arm_reaches_its_box_at_each_place(place: str, pose: str, box: object) -> None:
     x, y, height = tip_in_world(POSES["base"][place], POSES["arm"][pose])
     found = next(one for one in BOXES if one == box)
     assert math.hypot(x - found.x, y - found.y) < 0.005
@@ -88,7 +88,7 @@ def check_limits(group: Group, joints: list[Joints], share: float = 1.0) -> None
 
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize("share", [1.0, 0.3])
-def test_no_motion_is_faster_than_its_limits(group: Group, share: float) -> None:
+def test_motions_stay_within_their_limits(group: Group, share: float) -> None:
     poses = list(POSES[group].values())
     motion = plan(Drive(group, poses[1], share), poses[0])
     joints = steps(motion)
@@ -97,7 +97,7 @@ def test_no_motion_is_faster_than_its_limits(group: Group, share: float) -> None
     assert joints[-1] == pytest.approx(poses[1])
 
 
-def test_a_slow_motion_goes_on_fast_and_a_fast_one_slowly_without_a_jerk() -> None:
+def test_motion_changes_speed_without_a_jerk() -> None:
     start, goal = POSES["arm"]["home"], POSES["arm"]["tucked"]
     for before, after in ((0.3, 1.0), (1.0, 0.3)):
         first = plan(Drive("arm", goal, before), start)
@@ -108,7 +108,7 @@ def test_a_slow_motion_goes_on_fast_and_a_fast_one_slowly_without_a_jerk() -> No
         assert joints[-1] == pytest.approx(goal)
 
 
-def test_a_motion_that_is_halted_brakes_within_its_limits() -> None:
+def test_halted_motion_brakes_within_its_limits() -> None:
     motion = plan(Drive("base", POSES["base"]["B"]), POSES["base"]["A"])
     stopping = halt(motion, 2.0, "base")
     check_limits("base", [motion.joints(number * TICK) for number in range(200)] + steps(stopping))
@@ -117,7 +117,7 @@ def test_a_motion_that_is_halted_brakes_within_its_limits() -> None:
     assert plan(Drive("base", motion.goal), motion.goal).seconds == 0.0
 
 
-def test_things_fall_into_the_box_below_them() -> None:
+def test_objects_fall_into_the_box_below() -> None:
     b, c = BOXES
     assert (b.place, c.place) == (ObjectPlace.BOX_B, ObjectPlace.BOX_C)
     assert b.holds(b.x + 0.05, b.y)
@@ -125,7 +125,7 @@ def test_things_fall_into_the_box_below_them() -> None:
     assert not b.holds(c.x, c.y)
 
 
-def test_drives_that_get_another_goal_on_the_way_brake_first() -> None:
+def test_drive_brakes_before_a_new_goal() -> None:
     drives = Drives()
     drives.drive(Drive("base", POSES["base"]["B"]), 0.0)
     way = [drives.joints("base", number * TICK) for number in range(200)]

@@ -54,7 +54,7 @@ def the(found: CarriedObject, state: str) -> DoneTask:
     return task
 
 
-def test_best_case_the_arm_is_at_box_b_before_the_base() -> None:
+def test_arm_is_at_box_b_before_the_base_in_the_best_case() -> None:
     best = delivered("best")
     assert states(list(best.tasks)) == TO_B
     assert states(best.with_role(TaskRole.KEPT)) == ["arm to box B"]
@@ -64,7 +64,7 @@ def test_best_case_the_arm_is_at_box_b_before_the_base() -> None:
     assert drop.start == pytest.approx(base.end)
 
 
-def test_box_b_is_covered_on_the_way_so_the_arms_move_is_replaced() -> None:
+def test_arm_move_is_replaced_when_box_b_is_covered() -> None:
     changed = delivered("changed")
     assert sorted(states(list(changed.tasks))) == sorted([*TO_C, "arm to box B"])
     assert states(changed.with_role(TaskRole.WASTED)) == ["arm to box B"]
@@ -77,7 +77,7 @@ def test_box_b_is_covered_on_the_way_so_the_arms_move_is_replaced() -> None:
     assert the(changed, "dropping in C").start == pytest.approx(to_c.end)
 
 
-def test_without_a_preview_one_task_follows_the_other() -> None:
+def test_tasks_run_one_by_one_without_a_preview() -> None:
     plain = delivered("plain")
     assert states(list(plain.tasks)) == TO_C
     assert {task.roles for task in plain.tasks} == {(TaskRole.CURRENT,)}
@@ -87,7 +87,7 @@ def test_without_a_preview_one_task_follows_the_other() -> None:
 
 
 @pytest.mark.soak
-def test_what_each_schedule_saves() -> None:
+def test_each_schedule_saves_the_expected_time() -> None:
     best, changed, plain = (delivered(name).seconds for name in ("best", "changed", "plain"))
     assert best < changed < plain
     free = read_delivery(deliver(Lid(), make_coordinator(has_preview=False)).entries)
@@ -96,7 +96,7 @@ def test_what_each_schedule_saves() -> None:
     )
 
 
-def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> None:
+def test_journal_equals_the_plain_one_when_likelihoods_are_0() -> None:
     unlikely = make_delivery()
     for state in unlikely.states:
         for arrow in state.arrows:
@@ -113,7 +113,7 @@ def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> No
     )
 
 
-def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_entered() -> None:
+def test_early_slow_arm_move_speeds_up_when_its_state_is_entered() -> None:
     """With the continuous policy it gets faster as the base comes nearer, and is never stopped for
     that.
     """
@@ -134,7 +134,7 @@ def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_enter
     assert arm.end - arm.start > 2.3
 
 
-def test_two_objects_go_into_their_boxes() -> None:
+def test_two_objects_are_delivered_to_their_boxes() -> None:
     with (
         robot(Lid((9.0,)), make_coordinator()) as central,
         connect("somebody", central) as somebody,
@@ -148,7 +148,7 @@ def test_two_objects_go_into_their_boxes() -> None:
 
 
 @pytest.mark.soak
-def test_the_table_of_seeds_is_the_same_everywhere(
+def test_table_of_seeds_is_reproducible(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["youbot_sim", "--seeds", "1"])
@@ -163,7 +163,7 @@ def test_the_table_of_seeds_is_the_same_everywhere(
 
 
 @pytest.mark.soak
-def test_the_docs_have_the_table_and_no_delivery_is_slower_with_a_preview() -> None:
+def test_docs_table_is_current_and_previews_never_cost_time() -> None:
     rows = list(compare(20))
     assert "\n".join([HEAD, *map(row, rows), "", summary(rows)]) in PAGE
     assert all(one.speed_up > 1 for one in rows)
@@ -172,7 +172,7 @@ def test_the_docs_have_the_table_and_no_delivery_is_slower_with_a_preview() -> N
 @pytest.mark.slow
 @pytest.mark.soak
 @pytest.mark.parametrize("backend", ["auto", "kinematic"])
-def test_programs_of_their_own_come_to_the_same_schedule(backend: Physics, tmp_path: Path) -> None:
+def test_separate_programs_reach_the_same_schedule(backend: Physics, tmp_path: Path) -> None:
     found, picture = show(SCHEDULES["changed"], tmp_path, backend)
     assert {task.state: task.roles for task in found.tasks} == {
         task.state: task.roles for task in delivered("changed").tasks

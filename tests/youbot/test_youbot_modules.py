@@ -54,7 +54,7 @@ def arm_seconds(start: str, goal: str) -> float:
     return plan(Drive("arm", POSES["arm"][goal]), POSES["arm"][start]).seconds
 
 
-def test_a_move_tells_its_progress_and_ends_at_its_goal() -> None:
+def test_arm_move_reports_progress_and_ends_at_its_goal() -> None:
     with robot() as (central, user):
         moving = user.command(MOVE_ARM, Move("box B"))
         told = moving.progress(float)
@@ -69,7 +69,7 @@ def test_a_move_tells_its_progress_and_ends_at_its_goal() -> None:
         assert 0.99 < shares[-1] <= 1.0
 
 
-def test_a_slow_move_takes_a_new_speed_and_no_other_goal() -> None:
+def test_slow_arm_move_accepts_a_new_speed_but_no_new_goal() -> None:
     with robot() as (central, user):
         moving = user.command(MOVE_ARM, Move("box B", speed=0.2))
         central.advance(1.0)
@@ -81,7 +81,7 @@ def test_a_slow_move_takes_a_new_speed_and_no_other_goal() -> None:
 
 
 @pytest.mark.parametrize("way", ["cancel", "kill"])
-def test_a_move_that_is_stopped_comes_to_rest_before_it_ends(way: str) -> None:
+def test_stopped_arm_move_comes_to_rest_before_it_ends(way: str) -> None:
     with robot() as (central, user):
         moving = user.command(MOVE_BASE, Move("B"))
         central.advance(2.5)
@@ -97,7 +97,7 @@ def test_a_move_that_is_stopped_comes_to_rest_before_it_ends(way: str) -> None:
         assert user.query(MEASURE).base == pytest.approx(POSES["base"]["A"])
 
 
-def test_a_pose_that_the_arm_does_not_know_is_a_failure_with_its_reason() -> None:
+def test_unknown_pose_fails_with_a_reason() -> None:
     with (
         robot() as (_, user),
         pytest.raises(TaskFailed, match="knows home, box B, box C, tucked, not 'lunch'") as failed,
@@ -129,7 +129,7 @@ def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointRead
 @NO_PHYSICS
 @pytest.mark.slow
 @pytest.mark.parametrize("to", ["B", pytest.param("C", marks=pytest.mark.soak)])
-def test_the_backends_agree_on_what_is_carried_where(to: str) -> None:
+def test_backends_agree_on_carried_objects(to: str) -> None:
     without, real = carried("kinematic", to), carried("pybullet", to)
     assert [one.object for one in real] == [one.object for one in without]
     assert real[-1].object is (ObjectPlace.BOX_B if to == "B" else ObjectPlace.BOX_C)
@@ -139,11 +139,11 @@ def test_the_backends_agree_on_what_is_carried_where(to: str) -> None:
         assert a.gripper == pytest.approx(b.gripper, abs=0.002)
 
 
-def test_an_object_that_is_let_go_over_a_lid_is_not_in_the_box() -> None:
+def test_object_dropped_on_a_lid_is_not_in_the_box() -> None:
     assert carried("kinematic", "B", Lid(starts_covered=True))[-1].object is ObjectPlace.FLOOR
 
 
-def test_perception_becomes_sure_look_by_look() -> None:
+def test_perception_gains_confidence_with_each_look() -> None:
     with robot(lid=Lid((1.0,))) as (central, user):
         central.advance(0.5)
         assert user.get_variable(BOX_B_FREE) == 1.0
@@ -162,7 +162,7 @@ def test_perception_becomes_sure_look_by_look() -> None:
 @pytest.mark.parametrize(
     "backend", ["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])]
 )
-def test_a_picture(backend: Physics, tmp_path: Path) -> None:
+def test_youbot_picture_is_drawn(backend: Physics, tmp_path: Path) -> None:
     simulated = make_robot(backend)
     made = simulated.picture(tmp_path / "robot")
     simulated.close()
