@@ -141,9 +141,8 @@ def _constrain(
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
-    number = (
-        connection.tasks.get(-header.task) if header.task < 0 else header.task
-    )  # by the request that sent it
+    # by the request that sent it
+    number = connection.tasks.get(-header.task) if header.task < 0 else header.task
     if number is None:
         return  # there is nothing to kill
     _control(central, connection, number, "kill")

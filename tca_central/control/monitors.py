@@ -114,9 +114,8 @@ def _test_later(central: State, watch: Watch) -> None:
     """
     period = watch.options.period
     wait = period - (central.clock.now - watch.since) % period
-    if (
-        wait < period / 1000
-    ):  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+    # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+    if wait < period / 1000:
         wait += period
     central.clock.cancel(watch.timers.get(Due.TEST))
     watch.timers[Due.TEST] = central.clock.after(wait, Due.TEST, watch)

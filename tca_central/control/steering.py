@@ -100,9 +100,8 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     """
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        if (
-            not header.task
-        ):  # it has not come, and never will: it would have come before this; or it was refused
+        # it has not come, and never will: it would have come before this; or it was refused
+        if not header.task:
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")

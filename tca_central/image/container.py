@@ -91,9 +91,8 @@ def plain_column(values: list[Any], of: int) -> Column:
         has_long = int in kinds and any(type(one) is int and _is_long(one) for one in values)
     if has_long:
         values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
-    is_common = (
-        len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
-    )  # 0.0 is not -0.0
+    # 0.0 is not -0.0
+    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
     return Column(values[:1] if is_common else values, is_common=is_common)
 
 

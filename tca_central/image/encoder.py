@@ -91,9 +91,8 @@ class _Encoding:
         self._groups: dict[object, _Group] = {}
         self._group_of: dict[int, _Group] = {}  #: by id() of an object
         self._plain: list[Any] = [None, False, True]  #: plain values that stand among objects
-        self._numbers = {
-            id(value): number for number, value in enumerate(self._plain)
-        }  #: of all that is referred to
+        #: of all that is referred to
+        self._numbers = {id(value): number for number, value in enumerate(self._plain)}
 
     def meet(self, values: list[Any]) -> None:
         """Note which objects are among these."""

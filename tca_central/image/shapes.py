@@ -92,9 +92,8 @@ def shape_named(name: str) -> Shape | None:
     module, _, word = name.rpartition(".")
     kind = getattr(sys.modules.get(module), word, None) if module.startswith(_OURS) else None
     shape = _shape_of_class(kind) if isinstance(kind, type) else None
-    return (
-        shape if shape is not None and shape.name == name else None
-    )  # a module has the classes that it imports, too
+    # a module has the classes that it imports, too
+    return shape if shape is not None and shape.name == name else None
 
 
 def group_key(thing: Any) -> object:

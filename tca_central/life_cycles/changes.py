@@ -267,9 +267,8 @@ def _apply(
     asked = central.tree.forget_asked(task)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
-        if goal := body or (
-            goals[-1] if goals else b""
-        ):  # the server may have made another one of it
+        # the server may have made another one of it
+        if goal := body or (goals[-1] if goals else b""):
             _set_goal(central, task, goal)
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))

@@ -35,9 +35,8 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     if header.task and central.tree.task(header.task) is None:
         _tell_end(central, connection, header)
         return
-    if (
-        header.below and central.tree.task(header.below) is None
-    ):  # nothing stands under it, and nothing will
+    # nothing stands under it, and nothing will
+    if header.below and central.tree.task(header.below) is None:
         central.tell(connection, Answer(header.number, more=True))
         central.send(connection, header.number, Answer(header.number))
         return

@@ -65,9 +65,8 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
     clear which.
     """
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    found = {
-        one.called: one.resources[name] for one in modules if module in ("", one.called)
-    }  # the newest's
+    # the newest's
+    found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
     found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
         whose = f"module '{module}'" if module else "no module"

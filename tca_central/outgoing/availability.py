@@ -45,9 +45,8 @@ def on_wait_until_handled(
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(*_as_fact(wait)))
-    central.block(
-        connection, header.number, header.origin, brief=True
-    )  # no deadlock: somebody may come
+    # no deadlock: somebody may come
+    central.block(connection, header.number, header.origin, brief=True)
     if wait.promised:
         _warn_of_circle(central, wait)
 

@@ -240,9 +240,8 @@ def on_watch_entrance(
     central: State, connection: Connection, header: WatchEntrance, _: bytes
 ) -> None:
     """A sender comes back that has queries open at an entrance."""
-    for (
-        slot
-    ) in central.registry.connections.values():  # seldom: once for each entrance after a break
+    # seldom: once for each entrance after a break
+    for slot in central.registry.connections.values():
         if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
             _watch(connection, slot)
             return

@@ -94,9 +94,8 @@ class AllowedKeys:
         """Raises KeyRefused."""
         self._folder = folder
         self._seen = self._state()
-        self.names = names_allowed(
-            folder
-        )  #: by public key; another one each time, so that a thread may read it
+        #: by public key; another one each time, so that a thread may read it
+        self.names = names_allowed(folder)
 
     def _state(self) -> tuple[tuple[str, int, int, int], ...]:
         """What the files look like from outside. That nothing can be seen is a state, too: nobody

@@ -84,9 +84,8 @@ class Door:
             self._thread.join()
         self._monitor.close()
         if self._is_shut:
-            self._put(
-                self._listener
-            )  # libzmq ends the process if it can't find again what it listens to
+            # libzmq ends the process if it can't find again what it listens to
+            self._put(self._listener)
         for file in (self._listener, self._placeholder):
             if file >= 0:
                 os.close(file)
@@ -158,10 +157,11 @@ with a higher limit (ulimit -Hn)",
 
     def _turn_away(self) -> None:
         """Close what waits to be accepted."""
+        # all are gone
         with (
             contextlib.suppress(OSError),
             sockets.socket(fileno=os.dup(self._listener)) as listener,
-        ):  # all are gone
+        ):
             while True:
                 listener.accept()[0].close()
 

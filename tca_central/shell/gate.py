@@ -27,9 +27,8 @@ from tca_wire.keys import keys_folder
 log = logging.getLogger("tca.central")
 
 _REMEMBERED = 10_000  # peers
-_KNOWS_USERS = (
-    sys.platform == "linux"
-)  # elsewhere ZeroMQ may not say: the folder of the socket must be private
+# elsewhere ZeroMQ may not say: the folder of the socket must be private
+_KNOWS_USERS = sys.platform == "linux"
 
 
 class Gate:
@@ -79,9 +78,8 @@ class Gate:
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            self._socket_file.chmod(
-                0o666 if users else 0o700
-            )  # who comes is asked; its folder may be closed to them
+            # who comes is asked; its folder may be closed to them
+            self._socket_file.chmod(0o666 if users else 0o700)
 
     def is_new(self, line: bytes) -> bool:
         """Whether a line is turned away for the first time, as far as is remembered."""
@@ -139,10 +137,8 @@ class KeyGate(Gate):
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        self._news: tuple[list[str], list[str]] = (
-            [],
-            [],
-        )  #: names that have come, and gone, and are not told of
+        #: names that have come, and gone, and are not told of
+        self._news: tuple[list[str], list[str]] = ([], [])
         self._is_first_look = True
         self._refused: set[str] = set()  #: keys that were allowed, and are no more; or none
         if not self._allowed.names:

@@ -57,18 +57,15 @@ class Images:
         if not may_be_taken(central):
             return
         self._known = central.events
-        inputs = (
-            self._inputs.hand_over()
-        )  # should the image be damaged, the one before and these lead to the state
+        # should the image be damaged, the one before and these lead to the state
+        inputs = self._inputs.hand_over()
         self._number = self._inputs.next_segment(central.clock.now)
-        facts = (
-            self._facts.hand_over()
-        )  # nothing leads to them again when there is an image of what came after them
+        # nothing leads to them again when there is an image of what came after them
+        facts = self._facts.hand_over()
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # the child uses no other thread's locks
+            # the child uses no other thread's locks
+            warnings.simplefilter("ignore", DeprecationWarning)
             try:
                 self._child = os.fork()
             except OSError as error:

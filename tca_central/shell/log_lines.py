@@ -48,12 +48,10 @@ class LogLines:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
-        self._often: set[int] = (
-            set()
-        )  #: tasks of which the log has warned since they are retried often
-        self._unseen: set[str] = (
-            set()
-        )  #: conditions that nobody handles, and of which the log has warned
+        #: tasks of which the log has warned since they are retried often
+        self._often: set[int] = set()
+        #: conditions that nobody handles, and of which the log has warned
+        self._unseen: set[str] = set()
         self._ways: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
             facts.LostDirectly: self._lost,

@@ -31,7 +31,8 @@ class Sync(StrEnum):
     """The time at which records are safe, and from which failures."""
 
     ALWAYS = "always"  # on the disk before anything they justify leaves: survives a power cut
-    BATCH = "batch"  # with the kernel before, on the disk within a second: survives any death of central
+    # with the kernel before, on the disk within a second: survives any death of central
+    BATCH = "batch"
     NONE = "none"  # when convenient
 
 
@@ -158,26 +159,22 @@ class LogWriter:
         self._pending_bytes = 0
         self._file = -1
         self.size = 0  #: of the segment
-        self._lock = (
-            threading.Lock()
-        )  #: what the two threads share; held for no longer than a moment
-        self._syncing = (
-            threading.Lock()
-        )  #: one thread at a time asks the disk; who writes never waits for it
+        #: what the two threads share; held for no longer than a moment
+        self._lock = threading.Lock()
+        #: one thread at a time asks the disk; who writes never waits for it
+        self._syncing = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
         self._is_named = False  #: the folder on the disk knows of the newest segment
-        self._full: list[
-            int
-        ] = []  #: files of earlier segments that are yet to be synced and closed
+        #: files of earlier segments that are yet to be synced and closed
+        self._full: list[int] = []
         self._error: OSError | None = None  #: of the thread that syncs
         self._thread = threading.Thread(
             target=self._sync_each_second, name=f"sync {suffix}", daemon=True
         )
         try:
-            self.newest = max(
-                numbers(folder, suffix), default=0
-            )  #: the number of the newest segment
+            #: the number of the newest segment
+            self.newest = max(numbers(folder, suffix), default=0)
             self.first = self.newest + 1  #: of those that are written now
             self.begin_segment()
         except OSError as error:
@@ -210,9 +207,8 @@ class LogWriter:
 
         Raises CentralError if it can't be written, or if what was written may not be on the disk.
         """
-        if (
-            self._error is not None
-        ):  # after a failed sync the data is gone, and a second sync would say all is well
+        # after a failed sync the data is gone, and a second sync would say all is well
+        if self._error is not None:
             raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
@@ -283,9 +279,8 @@ class LogWriter:
                 self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600
             )
             self._is_named = False
-            with contextlib.suppress(
-                OSError
-            ):  # readers see by it that central lives; some file systems have no locks
+            # readers see by it that central lives; some file systems have no locks
+            with contextlib.suppress(OSError):
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if self.sync is not Sync.BATCH:
             self._close_full()

@@ -44,9 +44,8 @@ class Outboxes:
         self._send = send
         self._boxes: dict[ConnectionId, Outbox] = {}
         self._ready: dict[ConnectionId, Outbox] = {}  #: those with something to send
-        self._unread: dict[
-            ConnectionId, int
-        ] = {}  #: bytes that were sent, and not read as far as is known
+        #: bytes that were sent, and not read as far as is known
+        self._unread: dict[ConnectionId, int] = {}
         self.held = 0  #: bytes in all boxes
 
     @property

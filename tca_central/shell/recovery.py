@@ -58,9 +58,8 @@ class UnfinishedRun:
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
-        longest = (
-            LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
-        )  # the wall clock may have been set since
+        # the wall clock may have been set since
+        longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 

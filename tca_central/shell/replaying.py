@@ -184,14 +184,15 @@ class InputReplay:
                 if suffix == INPUT_SUFFIX and is_later and not InputSegment(path).is_empty:
                     later.append(path)
                 elif is_later or suffix == DRAFT_SUFFIX:
-                    path.unlink()  # a start that failed began it; an image of what comes after the end, or half of one
+                    # a start that failed began it; an image of what comes after the end, or half of
+                    # one
+                    path.unlink()
         if later or not last.is_torn:
             put_aside(last.path, last.end, *later)
         sync_path(self.folder)
         for path in files_of(self.folder, INPUT_SUFFIX):
-            if (
-                int(path.stem) >= self._segments[0].number
-            ):  # a killed central has not, and more is to follow from them
+            # a killed central has not, and more is to follow from them
+            if int(path.stem) >= self._segments[0].number:
                 sync_path(path)
         cut(last.path, last.end)
 

@@ -70,9 +70,8 @@ class RunFolder:
         if keeps_inputs:
             clock = central.clock.now if run is not None else None
             inputs = InputLog(self.path, epoch=central.epoch, sync=sync, clock=clock)
-            sync = (
-                Sync.BATCH if sync is Sync.ALWAYS else sync
-            )  # the inputs lead to the same facts again
+            # the inputs lead to the same facts again
+            sync = Sync.BATCH if sync is Sync.ALWAYS else sync
         if run is None:
             server.log = RunLog(JournalWriter(self.path, epoch=central.epoch, sync=sync), inputs)
             return
@@ -93,7 +92,8 @@ class RunFolder:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         if restarted.skipped and inputs is not None:
-            inputs.make_safe()  # should power go again now, the same numbers must not be passed over once more
+            # should power go again now, the same numbers must not be passed over once more
+            inputs.make_safe()
         log.warning(
             "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
 awaited%s",

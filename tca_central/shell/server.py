@@ -81,7 +81,8 @@ LOST_AFTER = 5
 """Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as
 lost.
 """
-PACKETS_PER_TURN = 64  # so many that who sends much does not outrun a slot, which gets its next messages once a turn
+# so many that who sends much does not outrun a slot, which gets its next messages once a turn
+PACKETS_PER_TURN = 64
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
 """A turn that has taken in so much, or so long, ends after the packet: others wait for their
@@ -173,9 +174,8 @@ class Daemon:
         while not self.stopping:
             patience = self._patience()
             if self._is_lively and patience > LIVELY:
-                self._is_lively = self._receive(
-                    0
-                )  # ZeroMQ's own wait costs less, but only a packet ends it
+                # ZeroMQ's own wait costs less, but only a packet ends it
+                self._is_lively = self._receive(0)
             else:
                 for source, _ in self._poller.poll(patience):
                     if source is self.socket:
@@ -316,15 +316,15 @@ class Daemon:
         moment for it.
         """
         receive, size, until = self.socket.recv, 0, 0.0
-        self._has_arrived()  # else ZeroMQ looks for others only each hundred frames, while one has sent more
+        # else ZeroMQ looks for others only each hundred frames, while one has sent more
+        self._has_arrived()
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))
-            except (
-                zmq.Again
-            ):  # dearer than to ask, but where there are two packets there may be many
+            except zmq.Again:
+                # dearer than to ask, but where there are two packets there may be many
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
@@ -396,10 +396,8 @@ class Daemon:
         now, known = self.now(), self.central.registry.connections
         is_sweep = self._has_lost or now >= self._next_sweep
         if self._has_lost:
-            self._has_lost, self._next_sweep = (
-                False,
-                now + PULSE_PERIOD,
-            )  # the door may be ahead of the socket
+            # the door may be ahead of the socket
+            self._has_lost, self._next_sweep = (False, now + PULSE_PERIOD)
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
             self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
@@ -485,9 +483,8 @@ class Daemon:
             self.socket.send(connection, _SNDMORE)
             self.socket.send(packet, _DONTWAIT)
         except zmq.Again:
-            return (
-                connection not in self.central.registry.connections
-            )  # for a stranger nothing is kept
+            # for a stranger nothing is kept
+            return connection not in self.central.registry.connections
         except zmq.ZMQError as error:
             raise ConnectionError from error
         return True

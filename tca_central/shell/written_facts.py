@@ -95,9 +95,8 @@ class WrittenFacts:
                 path.unlink()
         sync_path(self._folder)
         for path in self._paths:
-            sync_path(
-                path
-            )  # nothing leads to them again when there is an image of what came after them
+            # nothing leads to them again when there is an image of what came after them
+            sync_path(path)
         if self._paths:
             cut(self._paths[-1], self._end)
 

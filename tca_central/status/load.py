@@ -185,9 +185,8 @@ def _held(central: State) -> list[Task]:
 def _is_held(task: Task) -> bool:
     parent = task.parent
     if task.suspended and parent is not None:
-        return parent.suspended and (
-            has_held_start(task) or not task.reached & START_HANDLING
-        )  # else it is told itself
+        # else it is told itself
+        return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
     if task.message.is_aside and task.reached & START_HANDLING and not task.returned:
         return not task.is_watcher and parent is not None and parent.id != ROOT
     return has_held_start(task) or (task.returned and bool(task.held))

@@ -295,9 +295,8 @@ def _add(
     others.append(tap)
     central.taps[tap.id] = tap
     if tap.at & DELIVERED:
-        for (
-            handler
-        ) in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
+        # the listener is to be told in time of what a slot has ahead
+        for handler in tapped.handlers:
             central.dispatcher.messages_ahead.recall(handler.resource)
     task = place.id if isinstance(place, Task) else ROOT
     central.facts.append(
@@ -395,15 +394,13 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        Tapping.of(task).fired[tap.id] = listener is not None or bool(
-            tap.listener.handlers
-        )  # else once more
+        # else once more
+        Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
-        if (
-            tap.before == START_HANDLING and task.reached & START_HANDLING
-        ):  # it is handled once more
+        # it is handled once more
+        if tap.before == START_HANDLING and task.reached & START_HANDLING:
             central.agenda.holds.hold(listener, interval, task, START_HANDLING)
             continue
         moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
@@ -434,9 +431,8 @@ def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) ->
     journal.
     """
     message = tap.listener
-    if (
-        max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth
-    ):  # most are refused when they are sent
+    # most are refused when they are sent
+    if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:
         message.dropped += 1
         central.facts.append(
             facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))

@@ -86,7 +86,8 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
             one = monitor_of(one).task
         elif isinstance(one, Task):
             one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
-        else:  # was sent before it was given to anybody: so this comes to an end whatever modules say
+        else:
+            # was sent before it was given to anybody: so this comes to an end whatever modules say
             is_own = one.origin == parent.given_as
             one = central.dispatcher.running.get(one.origin) if one.origin < one.id else None
         is_own = is_own or one is parent
