@@ -1,9 +1,9 @@
-"""The gate of central's socket: says of each packet who sent it, and turns strangers away.
+"""The gate of central's socket: finds the sender of each packet, and rejects unknown programs.
 
-Over a Unix socket the kernel reports the user of the other end; over TCP the handshake proves a
-key, unless central was told to trust everybody on this computer. Each packet is asked, and not its
-line once: a line's routing id can be that of an earlier one. So a key that is gone has no say from
-the next look on.
+Over a Unix socket the kernel reports the user at the other end. Over TCP the handshake proves a
+key, unless central trusts every program of this computer (--insecure). The gate checks each packet
+rather than each connection, whose routing id may be that of an earlier one. A revoked key therefore loses
+its rights at the next check of the files.
 """
 
 import contextlib
@@ -27,14 +27,16 @@ from tca_wire.keys import keys_folder
 log = logging.getLogger("tca.central")
 
 _REMEMBERED = 10_000  # peers
-# elsewhere ZeroMQ may not say: the folder of the socket must be private
+# On other systems ZeroMQ may not report the user: there the socket's folder must be private.
 _KNOWS_USERS = sys.platform == "linux"
 
 
 class Gate:
-    """Lets in this user, over a Unix socket, and whom it is told of."""
+    """Lets in this user's programs, over a Unix socket, and those of users that the permissions
+    name.
+    """
 
-    why = "central lets in no programs of other users"  #: for those who are turned away
+    why = "central lets in no programs of other users"  #: the reason for rejected programs
 
     def __init__(
         self, permissions: PermissionsFile | None = None, socket_file: Path | None = None
@@ -43,10 +45,10 @@ class Gate:
         self._socket_file = socket_file
         self._users = {os.getuid(): ""}
         self._listed: list[int] = []
-        self._principals: dict[str, str | None] = {}  #: by what the kernel says of the far end
+        self._principals: dict[str, str | None] = {}  #: by what the kernel reports of the peer
         self._warned = LogLimit(log)
-        self.has_news = False  #: ``news`` has something to tell
-        self._told: set[bytes] = set()  #: lines that were turned away, and know it
+        self.has_news = False  #: whether ``news`` has events
+        self._told: set[bytes] = set()  #: connections that were told of their rejection
 
     def open(
         self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /
@@ -54,11 +56,11 @@ class Gate:
         """Guard a socket that is not bound yet."""
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Admit no more programs."""
 
     def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts
-        off.
+        """The events for changed files since the last check, and for connections that lose
+        access.
         """
         permissions = self._permissions
         if permissions is not None:
@@ -72,17 +74,17 @@ class Gate:
             )
 
     def _allow_users(self, users: list[int]) -> None:
-        """Let these users in, and no others but the one who runs central."""
+        """Admit the programs of these users and of central's user, and no others."""
         assert self._socket_file is not None
         self._listed = users
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            # who comes is asked; its folder may be closed to them
+            # The gate checks each packet, so the file may be open; its folder may still be closed.
             self._socket_file.chmod(0o666 if users else 0o700)
 
     def is_new(self, line: bytes) -> bool:
-        """Whether a line is turned away for the first time, as far as is remembered."""
+        """Whether this is the first rejection of a connection, as far as is remembered."""
         if line in self._told:
             return False
         if len(self._told) >= _REMEMBERED:
@@ -91,7 +93,7 @@ class Gate:
         return True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
-        """Who sent a frame: "" for the user who runs central, None for those who have no say."""
+        """The sender of a frame: "" for central's user, None for an unknown program."""
         peer = _said_of(frame, "Peer-Address")
         try:
             return self._principals[peer]
@@ -108,9 +110,9 @@ class Gate:
             who = (
                 f"of user {fields[1]} (process {fields[3]})"
                 if len(fields) == 4
-                else "that does not say whose it is"
+                else "of an unknown user"
             )
-            self._warned.warning(peer, "turned away a program %s", who)
+            self._warned.warning(peer, "rejected a program %s", who)
         if len(self._principals) >= _REMEMBERED:
             self._principals.clear()
         self._principals[peer] = principal
@@ -118,65 +120,66 @@ class Gate:
 
 
 class OpenGate(Gate):
-    """Lets everybody in: over TCP, for those who trust whoever can reach it."""
+    """Lets in every program: over TCP, where all programs that can reach it are trusted."""
 
     def principal_of(self, _: zmq.Frame) -> str | None:
-        """Everybody counts as the user who runs central."""
+        """Every program counts as one of central's user."""
         return ""
 
 
 class KeyGate(Gate):
-    """Lets those in who have a key that central allows."""
+    """Lets in programs with a key that central allows."""
 
-    why = "central lets in nobody without a key that it allows"
+    why = "central lets in only programs with a key that it allows"
 
     def __init__(self, folder: Path, permissions: PermissionsFile | None = None) -> None:
-        """Keys are in this folder. Raises KeyRefused, or CentralError if there are none."""
+        """The keys are in `folder`. Raises KeyRefused, or CentralError if no key is allowed."""
         super().__init__(permissions)
         self._own: KeyPair = own_pair(folder)
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        #: names that have come, and gone, and are not told of
+        #: names of keys that were allowed, and revoked, without an event yet
         self._news: tuple[list[str], list[str]] = ([], [])
         self._is_first_look = True
-        self._refused: set[str] = set()  #: keys that were allowed, and are no more; or none
+        self._refused: set[str] = set()  #: keys known not to be allowed
         if not self._allowed.names:
-            msg = f"no key is allowed in {folder}, so nobody could connect: make one with 'tca keys new NAME'"
+            msg = (
+                f"no key is allowed in {folder}, so no program could connect: "
+                "make one with 'tca keys new NAME'"
+            )
             raise CentralError(msg)
 
     def open(
         self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]", /
     ) -> None:
-        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked
-        here.
-        """
+        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked."""
         self._authenticator = Authenticator(context, self._allowed.is_known)
         self._authenticator.try_out(context, self._own)
         guard(socket, self._own)
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Admit no more programs."""
         if self._authenticator is not None:
             self._authenticator.close()
 
     @property
     def is_alive(self) -> bool:
-        """Whether newcomers can get in."""
+        """Whether new connections can get in."""
         return self._authenticator is not None and self._authenticator.is_alive
 
     def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts
-        off.
+        """The events for changed files since the last check, and for connections that lose
+        access.
         """
         if self._was_alive and not self.is_alive:
             self._was_alive = False
             log.error(
-                "nobody can connect any more: the authenticator has ended; start central again"
+                "no program can connect any more: the authenticator has ended; start central again"
             )
         self._look()
         (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
-        if self._is_first_look:  # keys may have gone while central was away
+        if self._is_first_look:  # keys may have been revoked while central was down
             self._is_first_look = False
             revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
         if allowed or revoked:
@@ -202,14 +205,14 @@ class KeyGate(Gate):
         key = _said_of(frame, "User-Id")
         name = self._allowed.names.get(key)
         if name is None and key not in self._refused:
-            self._look()  # it may be so new that only the authenticator knows it
+            self._look()  # only the authenticator has seen the newest keys
             if (name := self._allowed.names.get(key)) is None:
                 self._refused.add(key)
         return name
 
 
 def key_owners(central: Central) -> set[str]:
-    """The keys whose owners central knows: they are, or were, connected."""
+    """The keys whose owners are, or were, connected to central."""
     registry = central.registry
     owners = {module.principal for module in registry.modules.values()} | {
         *registry.permissions.licences.values()
@@ -218,8 +221,8 @@ def key_owners(central: Central) -> set[str]:
 
 
 def _said_of(frame: zmq.Frame, what: str) -> str:
-    """What ZeroMQ says of the far end of a frame's line; "" of one that speaks ZeroMQ as it was ten
-    years ago.
+    """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old for
+    it.
     """
     try:
         return str(frame.get(what))
@@ -228,8 +231,17 @@ def _said_of(frame: zmq.Frame, what: str) -> str:
 
 
 def gate_for(endpoint: str, permissions: Path | None = None, *, insecure: bool) -> Gate:
-    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError,
-    NoHome.
+    """Return the gate for an address.
+
+    Args:
+        endpoint: The address that central binds.
+        permissions: The permissions file, if there is one.
+        insecure: Whether TCP needs no keys.
+
+    Raises:
+        KeyRefused: The folder of keys can't be used.
+        CentralError: No key is allowed, or the permissions file is wrong.
+        NoHome: There is no folder of keys, since the user has no home.
     """
     file = PermissionsFile(permissions) if permissions is not None else None
     if not endpoint.startswith("tcp://"):

@@ -1,6 +1,4 @@
-"""Lines of the log for people: failures, refusals, losses, comings and goings, monitors that see
-nothing.
-"""
+"""Lines of the log: failures, refusals, losses, modules that join and leave, blind monitors."""
 
 import logging
 from collections.abc import Callable
@@ -13,22 +11,22 @@ from tca_wire.journal import facts
 from tca_wire.text.printable import first_line, printable, shortened
 
 NAMED = 3
-"""So many tasks and messages that failed of one cause are named in a line."""
+"""The number of failed tasks and messages that a line names for one cause."""
 
 
 OFTEN, _MOST_OFTEN = 20, 1000
-"""Attempts after which the log warns, once a task; and how many such tasks are remembered."""
+"""Attempts after which the log warns once per task, and the number of tasks remembered for that."""
 LONGEST_LINE = 2000
-"""Characters of a line. What is cut out is in the journal."""
+"""Characters of a line. The journal has the full text."""
 
 
 class LineFormatter(logging.Formatter):
-    """One line an entry, whatever others have put into names and texts; a traceback has lines of
-    its own.
+    """Formats a record as one line, whatever names and texts contain; tracebacks have more
+    lines.
     """
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
-        """The line. Characters that would steer a terminal are written as escapes."""
+        """The line, with escapes for characters that would control a terminal."""
         return shortened(
             printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE
         )
@@ -42,15 +40,15 @@ class LineFormatter(logging.Formatter):
 
 
 class LogLines:
-    """A line for each fact that people should know of."""
+    """Writes a log line for each fact that users must know of."""
 
     def __init__(self, log: logging.Logger, central: Central) -> None:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
-        #: tasks of which the log has warned since they are retried often
+        #: tasks whose frequent retries were logged
         self._often: set[int] = set()
-        #: conditions that nobody handles, and of which the log has warned
+        #: conditions without a handler that were logged
         self._unseen: set[str] = set()
         self._ways: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
@@ -71,7 +69,7 @@ class LogLines:
         }
 
     def write(self, record: Record) -> None:
-        """Write the lines of what has just happened."""
+        """Log what the facts of a record report."""
         for fact in record.entry.facts:
             if (way := self._ways.get(type(fact))) is not None:
                 way(fact, record)
@@ -89,9 +87,9 @@ class LogLines:
 
     def _permissions(self, fact: facts.PermissionsChanged, _: Record) -> None:
         if fact.rules < 0:
-            self._log.info("no permissions file: whoever gets in may do everything")
+            self._log.info("no permissions file: every program that connects may do everything")
         else:
-            self._log.info("who may do what is said by %s (%d)", fact.source, fact.rules)
+            self._log.info("permissions from %s (%d rules)", fact.source, fact.rules)
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:
@@ -104,7 +102,7 @@ class LogLines:
             self._log.warning("refused module '%s': %s", fact.sender, fact.text)
 
     def _failed(self, record: Record) -> None:
-        """A line for each cause: a module that is lost may take many messages along."""
+        """Log each cause once: the loss of a module may fail many messages."""
         causes: dict[tuple[str, str], list[str]] = {}
         for fact in record.entry.facts:
             if isinstance(fact, facts.Failed):
@@ -132,5 +130,5 @@ class LogLines:
         if what not in self._unseen:
             self._unseen.add(what)
             self._log.warning(
-                "%s sees nothing until somebody handles its condition '%s'", watch.task, what
+                "%s sees nothing until a module handles its condition '%s'", watch.task, what
             )

@@ -1,5 +1,5 @@
-"""Warnings of losses, which may come in floods: one line a second for each thing that is lost, with
-how many.
+"""Warnings of losses, which may come in floods: one line a second per kind of loss, with the
+count.
 """
 
 import logging
@@ -10,11 +10,11 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 PERIOD = 1.0
-"""Seconds between two lines about one thing."""
+"""Seconds between two lines about one kind of loss."""
 
 
 def loss_in(fact: Any) -> tuple[str, str, int] | None:
-    """What a fact says was lost, why, and how many; None if that is no loss to warn of."""
+    """The loss that a fact reports: kind, reason, number. None if there is no loss to warn of."""
     match fact:
         case facts.Dropped(dropping=Dropping.OVERLOAD):
             return f"dropped '{fact.message}'", fact.why, 1
@@ -31,24 +31,22 @@ def loss_in(fact: Any) -> tuple[str, str, int] | None:
 
 
 class LossLog:
-    """Knows no clock; ``tell`` is to be called about once in a period."""
+    """Collects losses. It has no clock: call ``tell`` about once per period."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        #: what is lost -> when it was last told, how many since, why
+        #: kind of loss -> time of its last line, losses since then, reason
         self._lines: dict[str, tuple[float, int, str]] = {}
 
     def note(self, what: str, why: str, number: int, now: float) -> None:
-        """So many are lost."""
+        """Count a loss; log it unless its kind was logged within the period."""
         told, before, _ = self._lines.get(what, (-inf, 0, ""))
         self._lines[what] = told, before + number, why
         if now - told >= PERIOD:
             self._tell(what, now)
 
     def tell(self, now: float = inf) -> None:
-        """Tell of those for which it is time, and forget those of which there was nothing to
-        tell.
-        """
+        """Log the kinds whose period is over, and forget those without new losses."""
         for what, (told, number, _) in list(self._lines.items()):
             if now - told >= PERIOD:
                 if number:

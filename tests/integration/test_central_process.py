@@ -195,15 +195,15 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "whoever connects needs a key"),
-        (["--bind", "nonsense"], "'nonsense' is no address"),
-        (["--bind", "tcp://127.0.0.1:99999"], "is no address"),
+        (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "every program needs a key"),
+        (["--bind", "nonsense"], "'nonsense' is not an address"),
+        (["--bind", "tcp://127.0.0.1:99999"], "is not an address"),
         (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),
         (["--journal", "/proc/nothing"], "name another folder with --journal"),
         (["--sync", "sometimes"], "sometimes"),
         (
             ["--lost-after", "1"],
-            "1 is too short to tell a stopped process from a busy computer: 2 or more",
+            "1 is too short to tell a stopped process from a busy computer: give 2 or more",
         ),
     ],
 )

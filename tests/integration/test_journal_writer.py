@@ -117,7 +117,7 @@ def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read
         flood(user)
     assert daemon.process.wait(timeout=10) == 1
     said = daemon.stop()
-    assert "File too large: central stops, for what it can't record it must not do" in said
+    assert "File too large: central stops, since it must not act without recording it" in said
     assert "Traceback" not in said
     assert len(list(open_log(daemon.journal))) > 5
 
@@ -205,7 +205,7 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
         user.status()
         for path in daemon.journal.glob("*.tcaj"):
             path.unlink()
-        while "goes on without a journal" not in daemon.process.stderr.readline():
+        while "continues without a journal" not in daemon.process.stderr.readline():
             pass
         user.status()
     assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago

@@ -374,7 +374,7 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert "'arm' has a key" in said("new", "arm", code=1)
     said("use", str(folder / "arm.key"))
-    assert "is there already: move it away first" in said("use", str(folder / "user.key"), code=1)
+    assert "exists already: move it away first" in said("use", str(folder / "user.key"), code=1)
     assert {path: path.read_bytes() for path in before} == before
     listed = said("list")
     assert read_client_key(folder / "arm.key").public in listed

@@ -118,7 +118,7 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
         steps.append(user.command(STEP, number))
         if number % 40 == 20:
             robot.kill()
-            assert "goes on with the run" in robot.restart()
+            assert "continues the unfinished run" in robot.restart()
     assert [step.result(timeout=20) for step in steps] == [2 * number for number in range(120)]
     assert robot.begun() == Counter(range(120))
     user.close()
@@ -254,7 +254,7 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     before = journal.read_bytes()
     with pytest.raises(
         CentralError,
-        match=r"the journal differs .* to which the inputs do not lead.*--resume facts",
+        match=r"the journal does not match the inputs.* to which no input leads.*--resume facts",
     ):
         recover(broken_run, unfinished(broken_run))
     assert journal.read_bytes() == before
@@ -394,7 +394,7 @@ def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
     user.status()
     robot.kill()
     said = robot.restart("--no-inputs")
-    assert "begins anew" in said
+    assert "starts a new run" in said
     Path(f"{robot.notebook}.go").touch()
     robot.central.stop()
     assert "goes on" not in robot.restart()

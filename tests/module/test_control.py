@@ -485,7 +485,7 @@ WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charg
 def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    blind = "'watch' sees nothing until somebody handles its condition 'battery'"
+    blind = "'watch' sees nothing until a module handles its condition 'battery'"
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
 
         def gauge() -> Module:
