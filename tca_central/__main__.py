@@ -15,12 +15,12 @@ from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
 from tca_central.shell.bytes_option import Bytes
-from tca_central.shell.door import make_room
+from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
 from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LineFormatter
-from tca_central.shell.log_writer import Sync, is_written
-from tca_central.shell.recovery import unfinished
+from tca_central.shell.log_writer import Sync, is_in_use
+from tca_central.shell.recovery import unfinished_segments
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
 from tca_wire.endpoint import (
@@ -68,12 +68,12 @@ def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None
     CentralError.
     """
     try:
-        there = journal_link(address).readlink()
-        is_left = not is_fresh and there.is_dir() and not is_written(there)
-        is_open = is_left and bool(unfinished(there, accept=accept))
+        folder = journal_link(address).readlink()
+        is_left = not is_fresh and folder.is_dir() and not is_in_use(folder)
+        is_open = is_left and bool(unfinished_segments(folder, accept=accept))
     except (OSError, NoHome):
         return None
-    return there if is_open else None
+    return folder if is_open else None
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -98,7 +98,7 @@ def _check_address(bind: str, *, insecure: bool) -> None:
         raise click.UsageError(msg)
 
 
-def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
+def _link_journal(address: str, journal: Path | None, *, is_named: bool) -> None:
     """Link the journal, or none, to the address, so that tools find it.
 
     With `is_named` also link it as the newest one, which tools show by default.
@@ -112,13 +112,13 @@ def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
             _link(link, journal.resolve())
 
 
-def _link(link: Path, there: Path) -> None:
+def _link(link: Path, folder: Path) -> None:
     """Link a folder, and remove links beside it that are broken or lead to the same folder."""
     link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     for other in link.parent.iterdir():
-        if other.is_symlink() and (not other.exists() or other.resolve() == there):
+        if other.is_symlink() and (not other.exists() or other.resolve() == folder):
             other.unlink(missing_ok=True)
-    link.symlink_to(there, target_is_directory=True)
+    link.symlink_to(folder, target_is_directory=True)
 
 
 def _log_lines(*, quiet: bool) -> None:
@@ -129,7 +129,7 @@ def _log_lines(*, quiet: bool) -> None:
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
 
 
-def _obey_signals(server: Daemon) -> None:
+def _install_signal_handlers(server: Daemon) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
     has_terminal = os.isatty(sys.stderr.fileno())
@@ -139,7 +139,7 @@ def _obey_signals(server: Daemon) -> None:
         if has_terminal and not os.isatty(sys.stderr.fileno()):
             server.stop(signal.SIGHUP.name)
         else:
-            server.look_again()
+            server.check_soon()
 
     signal.signal(signal.SIGHUP, on_hangup)
 
@@ -262,7 +262,7 @@ def central(  # noqa: PLR0913 - one parameter per option
     _log_lines(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
-    make_room()
+    raise_descriptor_limit()
     run: RunFolder | None = None
     server: Daemon | None = None
     try:
@@ -289,10 +289,10 @@ def central(  # noqa: PLR0913 - one parameter per option
         server.continues_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
-        _tell_where(
+        _link_journal(
             server.endpoint, None if run is None else run.path, is_named=journal is not None
         )
-        _obey_signals(server)
+        _install_signal_handlers(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):
             log.warning("%s", INSECURE)

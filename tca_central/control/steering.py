@@ -1,6 +1,7 @@
-"""Steering of existing tasks: kills now, later or after a point, deadlines, suspension, and
-messages sent when a task is killed. Planned ones are bounded in number, and forgotten when the task
-ends.
+"""Steers existing tasks: kills, deadlines, suspension, and messages sent on termination.
+
+Kills happen at once, later, or after a point. Planned ones are limited in number, and forgotten
+when the task ends.
 """
 
 import msgspec
@@ -24,27 +25,27 @@ from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
 MOST_PENDING = 1000
-"""Kills, deadlines and delays that may lie ahead of one task."""
+"""Kills, deadlines and delays that may be pending for one task."""
 
 LONGEST_PLANNED = 200
-"""Characters of the reason of a kill that lies ahead."""
+"""Characters of the reason of a planned kill."""
 
 MOST_FAREWELLS = 100
-"""Messages that may be kept for the termination of one task."""
+"""Messages to send on the termination of one task."""
 
 
 def _check_pending(central: State, task: Task) -> None:
-    """Raises RequestError if no more may lie ahead of a task."""
+    """Raise RequestError if no more may be pending for a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
     if task.plans is not None and len(task.plans.pending) >= MOST_PENDING:
         raise RequestError(
             Refusal.OVERLOAD,
-            f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already",
+            f"{MOST_PENDING:,} kills, deadlines and delays are pending for {task} already",
         )
 
 
 def forget_pending(central: State, plans: Plans) -> None:
-    """Cancel what lay ahead of a task that has ended."""
+    """Cancel whatever is pending for a task that has ended."""
     for what, waits_for in plans.pending.items():
         if isinstance(waits_for, Task):
             central.agenda.stop_waiting(waits_for, what)
@@ -57,7 +58,7 @@ def forget_pending(central: State, plans: Plans) -> None:
 
 
 class PendingKill(Stored):
-    """A kill that is carried out when a point is reached, or some time after."""
+    """A kill to carry out when a point is reached, or a delay after that."""
 
     __slots__ = ("delay", "scope", "task", "verdict")
 
@@ -65,14 +66,14 @@ class PendingKill(Stored):
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
     def go_on(self, central: State) -> None:
-        """The point is reached."""
+        """The point is reached: kill at once, or after the delay."""
         if not self.delay:
             self.carry_out(central)
         elif self._is_there(central):
             Plans.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def carry_out(self, central: State) -> None:
-        """It is time."""
+        """Kill the tasks in scope."""
         if self.task.plans is not None:
             self.task.plans.pending.pop(self, None)
         if self._is_there(central):
@@ -80,7 +81,7 @@ class PendingKill(Stored):
                 kill(central, task, self.verdict)
 
     def _relatives(self) -> list[Task]:
-        """Its children, or its siblings."""
+        """The children, or the siblings."""
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
         return [
@@ -90,17 +91,18 @@ class PendingKill(Stored):
         ]
 
     def _is_there(self, central: State) -> bool:
-        """Whether the task has not ended, perhaps by what let the point be reached."""
+        """Whether the task still lives. The event that reached the point may have ended it."""
         return self.task.id == ROOT or self.task.id in central.tree.tasks
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module ends a task, its descendants or its siblings; now, some time from now, or after a
+    """A module kills a task, its descendants or its siblings: now, after a delay, or after a
     point.
     """
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        # it has not come, and never will: it would have come before this; or it was refused
+        # The task was never sent, since its request would have arrived before this one; or it was
+        # refused.
         if not header.task:
             central.accept(connection, header.number)
             return
@@ -135,7 +137,9 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
 
 
 def _why(header: headers.Kill) -> str:
-    """Who has to wait for it says it briefly: nobody counts the bytes of what is planned."""
+    """The reason, shortened more if central must store it: the budget does not count planned
+    kills.
+    """
     return (
         shortened(header.why, LONGEST_PLANNED)
         if header.delay or header.after
@@ -153,7 +157,7 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
 
 
 class PendingDeadline(Stored):
-    """A task's point that must be reached in time."""
+    """A deadline for a point of a task."""
 
     __slots__ = ("moment", "seconds", "task")
 
@@ -162,8 +166,8 @@ class PendingDeadline(Stored):
 
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
-    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds*
-    from now.
+    """Raise the failure "timeout" on a task unless it reaches `moment` within `seconds` from
+    now.
     """
     deadline = PendingDeadline(task, moment, seconds)
     Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
@@ -171,7 +175,7 @@ def set_deadline(central: State, task: Task, moment: int, seconds: float) -> Non
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
-    """A deadline is over."""
+    """A deadline has passed."""
     task, moment = deadline.task, deadline.moment
     del Plans.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
@@ -180,7 +184,7 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
-    """A module bounds the time until a point of a task."""
+    """A module limits the time until a point of a task."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     moment = checked_moment(header.point)
     task = central.living(connection, header.number, header.point.task, "no deadline can be set")
@@ -213,7 +217,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
 
 
 def check_farewell(message: MessageType, task_id: int) -> None:
-    """Raises RequestError if that message can't be kept for the termination of that task."""
+    """Raise RequestError if the message can't be sent on the termination of that task."""
     if not (message.message_class.is_task and message.message_class.may_react):
         text = f"{message.title} can't be sent on termination: goals and commands can"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -223,11 +227,15 @@ def check_farewell(message: MessageType, task_id: int) -> None:
 
 
 def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message to be sent when the task is killed. If it was killed already and its handler
-    runs, send it now.
+    """Store a message to send when the task is killed.
+
+    If the task was killed and its handler still runs, send the message now.
     """
     if task.killed and task.slot is None:
-        text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
+        text = (
+            f"{task} was killed and its handler has returned: "
+            f"'{message.name}' is not sent on its termination any more"
+        )
         raise RequestError(Refusal.TOO_LATE, text)
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
@@ -236,7 +244,7 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if len(farewells) >= MOST_FAREWELLS:
         raise RequestError(
             Refusal.OVERLOAD,
-            f"{MOST_FAREWELLS} messages wait for the termination of {task} already",
+            f"{MOST_FAREWELLS} messages are stored for the termination of {task} already",
         )
     farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))

@@ -93,11 +93,11 @@ class AllowedKeys:
     def __init__(self, folder: Path) -> None:
         """Raises KeyRefused."""
         self._folder = folder
-        self._seen = self._state()
+        self._seen = self._folder_state()
         #: names by public key; replaced as a whole, so that another thread may read it
         self.names = names_allowed(folder)
 
-    def _state(self) -> tuple[tuple[str, int, int, int], ...]:
+    def _folder_state(self) -> tuple[tuple[str, int, int, int], ...]:
         """A fingerprint of the files. An unreadable folder is a state, too: no key is allowed."""
         try:
             with os.scandir(allowed_folder(self._folder)) as found:
@@ -112,13 +112,13 @@ class AllowedKeys:
         """Whether a key is allowed now. Any thread may call this."""
         return key in self.names or key in names_allowed(self._folder)
 
-    def look_again(self) -> tuple[list[str], list[str]]:
+    def refresh(self) -> tuple[list[str], list[str]]:
         """Return names whose keys were added since the last check, and names whose keys were
         removed.
 
         A key that was replaced counts as both.
         """
-        state = self._state()
+        state = self._folder_state()
         if state == self._seen:
             return [], []
         before, self._seen = self.names, state

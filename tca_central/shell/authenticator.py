@@ -148,7 +148,7 @@ class Authenticator:
             self._tried = ""
         if gets_in != [True, False]:
             what = "an unknown key was let in" if gets_in[1] else "a known key was not let in"
-            msg = f"keys can't be checked here ({what} in a test): check the installation of pyzmq"
+            msg = f"keys can't be checked here ({what} when tried): check the installation of pyzmq"
             raise CentralError(msg)
 
 

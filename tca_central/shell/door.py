@@ -1,8 +1,9 @@
 """The door of central's socket: rejects new connections before file descriptors run out.
 
 libzmq accepts connections in a thread of its own. Without a free descriptor a Unix socket's accept
-ends the process (over TCP it spins), and an unbind would cut all connections (libzmq #3317). A shut door therefore replaces the listening descriptor by another socket, to which no program connects. The
-door itself then accepts new connections and closes them.
+ends the process (over TCP it spins), and an unbind would cut all connections (libzmq #3317). A shut
+door therefore replaces the listening descriptor by another socket, to which no program connects.
+The door itself then accepts new connections and closes them.
 
 A rush of connections can't outrun the door: libzmq stops accepting once a thousand of its events
 are unread. If the limit is too low to reserve that many descriptors, the door reserves half of
@@ -31,12 +32,12 @@ _WATCHED = int(
 _EVENTS = "inproc://door"
 _RUSH = 1100  # connections that libzmq may accept before their events are read, and a reserve
 _TURN = 0.001  # seconds that a thread may run while others wait
-_LOOK_AGAIN = 1.0  # seconds between checks of whether a shut door can open
+_CHECK_PERIOD = 1.0  # seconds between checks of whether a shut door can open
 
 log = logging.getLogger("tca.central")
 
 
-def make_room() -> None:
+def raise_descriptor_limit() -> None:
     """Raise this process's limit of file descriptors, and let its threads alternate often.
 
     The door's thread must run often enough to count connections in a rush.
@@ -58,7 +59,7 @@ class Door:
         """`closed` is called in that thread, with the number of connections that have closed."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MOST_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
-        self.most = self.limit - min(
+        self.shut_at = self.limit - min(
             self.limit // 2, _RUSH
         )  #: descriptors in use at which it shuts
         self._closed = closed
@@ -68,16 +69,16 @@ class Door:
         self._monitor.setsockopt(zmq.RCVHWM, 1)
         self._monitor.connect(_EVENTS)
         self._is_shut = False
-        self._gate = self._listener = self._placeholder = -1
+        self._accepting = self._listener = self._placeholder = -1
         self._thread = threading.Thread(target=self._watch, name="door", daemon=True)
 
     def open(self) -> None:
         """Start watching. The socket must be bound."""
         while (event := self._event())["event"] != zmq.EVENT_LISTENING:
             pass
-        self._gate = event["value"]  #: the descriptor from which libzmq accepts
-        os.set_blocking(self._gate, False)
-        self._listener, self._placeholder = os.dup(self._gate), _never_called()
+        self._accepting = event["value"]  #: the descriptor from which libzmq accepts
+        os.set_blocking(self._accepting, False)
+        self._listener, self._placeholder = os.dup(self._accepting), _unreachable_socket()
         self._thread.start()
 
     def close(self) -> None:
@@ -88,17 +89,17 @@ class Door:
         self._monitor.close()
         if self._is_shut:
             # libzmq ends the process if its listening socket is not where it was.
-            self._put(self._listener)
+            self._accept_from(self._listener)
         for file in (self._listener, self._placeholder):
             if file >= 0:
                 os.close(file)
 
-    def _put(self, file: int) -> None:
+    def _accept_from(self, file: int) -> None:
         """Make libzmq accept from a descriptor. Its epoll still watches the listening socket, open
         here.
         """
         if sys.platform == "linux":  # a kqueue would forget it
-            os.dup2(file, self._gate, inheritable=False)
+            os.dup2(file, self._accepting, inheritable=False)
         self._is_shut = file == self._placeholder
 
     def _watch(self) -> None:
@@ -108,15 +109,15 @@ class Door:
             poller.register(
                 self._listener, zmq.POLLIN if self._is_shut and sys.platform == "linux" else 0
             )
-            ready = dict(poller.poll(int(_LOOK_AGAIN * 1000) if self._is_shut else None))
-            if self._monitor in ready and not self._take_events():
+            ready = dict(poller.poll(int(_CHECK_PERIOD * 1000) if self._is_shut else None))
+            if self._monitor in ready and not self._process_events():
                 return
             if self._listener in ready:
-                self._turn_away()
+                self._reject_waiting()
             if self._is_shut:
                 self._open_if_there_is_room()
 
-    def _take_events(self) -> bool:
+    def _process_events(self) -> bool:
         """Process libzmq's events. Return False after the last one."""
         closed = 0
         self._shut_if_full()
@@ -141,10 +142,10 @@ class Door:
         """
         lowest = self.limit
         with contextlib.suppress(OSError):
-            lowest = os.dup(self._gate)
+            lowest = os.dup(self._accepting)
             os.close(lowest)
-        if lowest >= self.most and not self._is_shut:
-            self._put(self._placeholder)
+        if lowest >= self.shut_at and not self._is_shut:
+            self._accept_from(self._placeholder)
             log.warning(
                 "accepts no more connections: %d of %d file descriptors are in use; "
                 "end some programs, or start central with a higher limit (ulimit -Hn)",
@@ -154,13 +155,13 @@ class Door:
 
     def _open_if_there_is_room(self) -> None:
         used = sum(1 for _ in Path("/dev/fd").iterdir())
-        if used < self.most - self.limit // 16:
-            self._put(self._listener)
+        if used < self.shut_at - self.limit // 16:
+            self._accept_from(self._listener)
             log.warning(
                 "accepts connections again: %d of %d file descriptors are in use", used, self.limit
             )
 
-    def _turn_away(self) -> None:
+    def _reject_waiting(self) -> None:
         """Close connections that wait to be accepted."""
         # an OSError ends the loop: none is left
         with (
@@ -171,7 +172,7 @@ class Door:
                 listener.accept()[0].close()
 
 
-def _never_called() -> int:
+def _unreachable_socket() -> int:
     """A listening socket that no program can reach."""
     with tempfile.TemporaryDirectory() as folder, sockets.socket(sockets.AF_UNIX) as listener:
         listener.setblocking(False)

@@ -2,8 +2,8 @@
 
 Over a Unix socket the kernel reports the user at the other end. Over TCP the handshake proves a
 key, unless central trusts every program of this computer (--insecure). The gate checks each packet
-rather than each connection, whose routing id may be that of an earlier one. A revoked key therefore loses
-its rights at the next check of the files.
+rather than each connection, whose routing id may be that of an earlier one. A revoked key therefore
+loses its rights at the next check of the files.
 """
 
 import contextlib
@@ -47,8 +47,8 @@ class Gate:
         self._listed: list[int] = []
         self._principals: dict[str, str | None] = {}  #: by what the kernel reports of the peer
         self._warned = LogLimit(log)
-        self.has_news = False  #: whether ``news`` has events
-        self._told: set[bytes] = set()  #: connections that were told of their rejection
+        self.has_changes = False  #: whether ``changes`` has events
+        self._rejected: set[bytes] = set()  #: connections that were told of their rejection
 
     def open(
         self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /
@@ -58,13 +58,13 @@ class Gate:
     def close(self) -> None:
         """Admit no more programs."""
 
-    def news(self, now: float, central: Central) -> Iterator[Input]:
+    def changes(self, now: float, central: Central) -> Iterator[Input]:
         """The events for changed files since the last check, and for connections that lose
         access.
         """
         permissions = self._permissions
         if permissions is not None:
-            permissions.look_again()
+            permissions.refresh()
         rules = permissions.rules if permissions is not None else None
         if self._socket_file is not None and (users := users_in(rules or ())) != self._listed:
             self._allow_users(users)
@@ -83,24 +83,24 @@ class Gate:
             # The gate checks each packet, so the file may be open; its folder may still be closed.
             self._socket_file.chmod(0o666 if users else 0o700)
 
-    def is_new(self, line: bytes) -> bool:
+    def is_first_rejection(self, line: bytes) -> bool:
         """Whether this is the first rejection of a connection, as far as is remembered."""
-        if line in self._told:
+        if line in self._rejected:
             return False
-        if len(self._told) >= _REMEMBERED:
-            self._told.clear()
-        self._told.add(line)
+        if len(self._rejected) >= _REMEMBERED:
+            self._rejected.clear()
+        self._rejected.add(line)
         return True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
         """The sender of a frame: "" for central's user, None for an unknown program."""
-        peer = _said_of(frame, "Peer-Address")
+        peer = _frame_property(frame, "Peer-Address")
         try:
             return self._principals[peer]
         except KeyError:
-            return self._meet(peer)
+            return self._identify(peer)
 
-    def _meet(self, peer: str) -> str | None:
+    def _identify(self, peer: str) -> str | None:
         fields = peer.split(":")
         if len(fields) == 4 and fields[1].isdecimal():
             principal = self._users.get(int(fields[1]))
@@ -140,7 +140,7 @@ class KeyGate(Gate):
         self._authenticator: Authenticator | None = None
         self._was_alive = True
         #: names of keys that were allowed, and revoked, without an event yet
-        self._news: tuple[list[str], list[str]] = ([], [])
+        self._changes: tuple[list[str], list[str]] = ([], [])
         self._is_first_look = True
         self._refused: set[str] = set()  #: keys known not to be allowed
         if not self._allowed.names:
@@ -168,7 +168,7 @@ class KeyGate(Gate):
         """Whether new connections can get in."""
         return self._authenticator is not None and self._authenticator.is_alive
 
-    def news(self, now: float, central: Central) -> Iterator[Input]:
+    def changes(self, now: float, central: Central) -> Iterator[Input]:
         """The events for changed files since the last check, and for connections that lose
         access.
         """
@@ -177,8 +177,8 @@ class KeyGate(Gate):
             log.error(
                 "no program can connect any more: the authenticator has ended; start central again"
             )
-        self._look()
-        (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
+        self._refresh_keys()
+        (allowed, revoked), self._changes, self.has_changes = self._changes, ([], []), False
         if self._is_first_look:  # keys may have been revoked while central was down
             self._is_first_look = False
             revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
@@ -190,22 +190,22 @@ class KeyGate(Gate):
             yield ConnectionLost(
                 now, connection.id, f"the key '{connection.principal}' is not allowed any more"
             )
-        yield from super().news(now, central)
+        yield from super().changes(now, central)
 
-    def _look(self) -> None:
-        new, gone = self._allowed.look_again()
+    def _refresh_keys(self) -> None:
+        new, gone = self._allowed.refresh()
         if new or gone:
-            self._news[0].extend(new)
-            self._news[1].extend(gone)
+            self._changes[0].extend(new)
+            self._changes[1].extend(gone)
             self._refused.clear()
-            self.has_news = True
+            self.has_changes = True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
         """The name of the key that a frame came with."""
-        key = _said_of(frame, "User-Id")
+        key = _frame_property(frame, "User-Id")
         name = self._allowed.names.get(key)
         if name is None and key not in self._refused:
-            self._look()  # only the authenticator has seen the newest keys
+            self._refresh_keys()  # only the authenticator has seen the newest keys
             if (name := self._allowed.names.get(key)) is None:
                 self._refused.add(key)
         return name
@@ -220,7 +220,7 @@ def key_owners(central: Central) -> set[str]:
     return {owner for owner in owners if owner and not owner.startswith("uid:")}
 
 
-def _said_of(frame: zmq.Frame, what: str) -> str:
+def _frame_property(frame: zmq.Frame, what: str) -> str:
     """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old for
     it.
     """

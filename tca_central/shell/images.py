@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 
 from tca_central.core import Central
-from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.encoder import encode, can_encode
 from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
@@ -46,27 +46,27 @@ class Images:
         self._path = Path()
         self._kept = kept  #: the number of the newest complete image
 
-    def tend(self, central: Central) -> None:
+    def update(self, central: Central) -> None:
         """At the end of a turn: start an image if one is due, or check on the one being written."""
         if self._child:
-            self._look_after_child()
+            self._reap_child()
         elif (
             central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES
         ):
-            self.take(central)
+            self.start(central)
 
-    def take(self, central: Central) -> None:
+    def start(self, central: Central) -> None:
         """Start an image, and with it a segment of inputs, if that is possible now. Raises
         CentralError.
         """
-        if not may_be_taken(central):
+        if not can_encode(central):
             return
         self._known = central.events
         # If the image is damaged, the previous one and these inputs lead to the same state.
-        inputs = self._inputs.hand_over()
+        inputs = self._inputs.write_now()
         self._number = self._inputs.next_segment(central.clock.now)
         # No input leads to these facts again once an image of a later state exists.
-        facts = self._facts.hand_over()
+        facts = self._facts.write_now()
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
             # Safe with threads: the child uses no lock of another thread.
@@ -82,9 +82,9 @@ class Images:
     def close(self) -> None:
         """Wait until the image that is being written is complete."""
         if self._child:
-            self._look_after_child(0)
+            self._reap_child(0)
 
-    def _look_after_child(self, options: int = os.WNOHANG) -> None:
+    def _reap_child(self, options: int = os.WNOHANG) -> None:
         try:
             child, status = os.waitpid(self._child, options)
         except ChildProcessError:  # SIGCHLD is ignored, so the exit status is unknown

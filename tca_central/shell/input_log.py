@@ -95,14 +95,14 @@ class InputLog(LogWriter):
 
     def add(self, event: Input) -> None:
         """Append an input; ``flush`` writes it."""
-        self.put(framed(_encode(event)))
+        self.add_record(framed(_encode(event)))
 
     def next_segment(self, clock: float) -> int:
         """Start another segment at central's time `clock`. Return its number. Raises
         CentralError.
         """
         self._head = msgspec.structs.replace(self._head, clock=clock)
-        self.turn_over()
+        self.start_segment()
         return self.newest
 
     def remove(self, before: float = math.inf) -> None:
@@ -117,7 +117,7 @@ class InputLog(LogWriter):
 
     def end(self, why: str) -> None:
         """Write the rest, and that the run has ended."""
-        self.put(framed(_encode(Ended(why))))
+        self.add_record(framed(_encode(Ended(why))))
         self.close()
 
 
@@ -149,7 +149,7 @@ class InputSegment:
         """Whether it has no input: a failed start leaves such a segment."""
         return next(iter(self), None) is None and self.is_torn
 
-    def end_run(self, why: str) -> None:
+    def write_end(self, why: str) -> None:
         """Write after the last sound record that the run has ended. Raises OSError."""
         for _ in self:
             pass

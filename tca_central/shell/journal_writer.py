@@ -48,7 +48,7 @@ class JournalWriter(LogWriter):
     def add(self, entry: Entry) -> None:
         """Append an entry; ``flush`` writes it."""
         self._last = entry
-        self.put(record(entry))
+        self.add_record(record(entry))
 
     def break_off(self, entry_number: int, time_now: float, why: str) -> None:
         """Write the rest, and why central stops. The run has not ended: it may continue."""

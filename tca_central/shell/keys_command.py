@@ -36,15 +36,15 @@ _FOLDER = click.option(
 )
 
 
-def _explained(command: Callable[..., None]) -> Callable[..., None]:
+def _with_folder(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
-    def explained(folder: Path | None, **given: Any) -> None:
+    def wrapped(folder: Path | None, **given: Any) -> None:
         try:
             command(folder=folder or keys_folder(), **given)
         except KeyRefused as error:
             raise click.ClickException(str(error)) from None
 
-    return _FOLDER(explained)
+    return _FOLDER(wrapped)
 
 
 @click.group()
@@ -64,7 +64,7 @@ def keys() -> None:
     metavar="PUBLIC",
     help="For a central elsewhere, by its public key ('tca keys list' there).",
 )
-@_explained
+@_with_folder
 def new(folder: Path, name: str, central: str | None) -> None:
     """Make a key for the program (or person, or machine) NAME, and allow it."""
     check_name(name)
@@ -98,7 +98,7 @@ def new(folder: Path, name: str, central: str | None) -> None:
 @keys.command()
 @click.argument("name")
 @click.argument("public")
-@_explained
+@_with_folder
 def allow(folder: Path, name: str, public: str) -> None:
     """Allow a key that was made elsewhere, by its PUBLIC half."""
     check_name(name)
@@ -114,7 +114,7 @@ def _allow(folder: Path, name: str, public: str) -> None:
 
 
 @keys.command(name="list")
-@_explained
+@_with_folder
 def list_keys(folder: Path) -> None:
     """List central's own public key, and the names and public keys that it allows."""
     own = own_pair(folder)
@@ -129,7 +129,7 @@ def list_keys(folder: Path) -> None:
 
 @keys.command()
 @click.argument("name")
-@_explained
+@_with_folder
 def revoke(folder: Path, name: str) -> None:
     """Admit NAME no more. A running central cuts its connections within a second."""
     check_name(name)
@@ -149,7 +149,7 @@ def revoke(folder: Path, name: str) -> None:
 
 @keys.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@_explained
+@_with_folder
 def use(folder: Path, file: Path) -> None:
     """Let programs of this user use the key in FILE, unless $TCA_KEY names another."""
     if not file.exists():

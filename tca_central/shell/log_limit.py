@@ -13,15 +13,15 @@ class LogLimit:
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        self._said: dict[str, float] = {}  #: time of each matter's last warning, oldest first
+        self._warned_at: dict[str, float] = {}  #: time of each matter's last warning, oldest first
 
     def warning(self, matter: str, text: str, *values: object) -> None:
         """Log a warning, unless this matter was warned of lately or there are too many matters."""
         now = time.monotonic()
-        while self._said and now - next(iter(self._said.values())) > PERIOD:
-            del self._said[next(iter(self._said))]
-        if matter not in self._said and len(self._said) < _MATTERS:
-            self._said[matter] = now
+        while self._warned_at and now - next(iter(self._warned_at.values())) > PERIOD:
+            del self._warned_at[next(iter(self._warned_at))]
+        if matter not in self._warned_at and len(self._warned_at) < _MATTERS:
+            self._warned_at[matter] = now
             self._log.warning(text, *values)
 
 

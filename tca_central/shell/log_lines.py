@@ -94,7 +94,7 @@ class LogLines:
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:
             return False
-        self.losses.note(*loss, record.entry.time)
+        self.losses.count(*loss, record.entry.time)
         return True
 
     def _refused(self, fact: facts.RequestRefused, record: Record) -> None:

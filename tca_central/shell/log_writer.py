@@ -103,7 +103,7 @@ def append(path: Path, data: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def put_aside(path: Path, begin: int, *later: Path) -> None:
+def move_aside(path: Path, begin: int, *later: Path) -> None:
     """Move a log's bytes from `begin` on, and `later` files, to files beside it. Raises OSError.
 
     The later files move first: after a sound end they would count as its continuation.
@@ -111,24 +111,24 @@ def put_aside(path: Path, begin: int, *later: Path) -> None:
     with path.open("rb") as stream:
         stream.seek(begin)
         if rest := stream.read():
-            append(aside(path), rest)
+            append(aside_path(path), rest)
     for one in later:
-        one.rename(aside(one))
+        one.rename(aside_path(one))
     sync_path(path.parent)
     cut(path, begin)
 
 
-def aside(path: Path) -> Path:
+def aside_path(path: Path) -> Path:
     """The file for bytes that were removed from a log. No program reads it."""
     return path.with_suffix(f"{path.suffix}{ASIDE}")
 
 
-def is_unbegun(path: Path) -> bool:
+def has_no_record(path: Path) -> bool:
     """Whether a log has no record: central ended while creating it."""
     return not has_record(b"\0" + path.read_bytes())
 
 
-def is_written(folder: Path) -> bool:
+def is_in_use(folder: Path) -> bool:
     """Whether a running central has the lock of a folder."""
     try:
         os.close(lock_folder(folder))
@@ -178,7 +178,7 @@ class LogWriter:
             #: the number of the newest segment
             self.newest = max(numbers(folder, suffix), default=0)
             self.first = self.newest + 1  #: the number of this run's first segment
-            self.begin_segment()
+            self.open_segment()
         except OSError as error:
             raise disk_error(error, f"journal {folder}") from None
         if sync is Sync.BATCH:
@@ -199,7 +199,7 @@ class LogWriter:
         """The first record of a new segment."""
         raise NotImplementedError
 
-    def put(self, record: bytes) -> None:
+    def add_record(self, record: bytes) -> None:
         """Append a record; ``flush`` writes it."""
         self._pending.append(record)
         self._pending_bytes += len(record)
@@ -214,28 +214,28 @@ class LogWriter:
             raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
-        self._now(self.write)
+        self._run_steps(self.write)
         if self.sync is Sync.ALWAYS:
-            self._now(self._fsync)
+            self._run_steps(self._fsync)
         if self.size > self.longest:
-            self._now(self.begin_segment)
+            self._run_steps(self.open_segment)
 
     def make_safe(self) -> None:
         """Bring everything to the disk, whatever ``sync`` says. Raises CentralError."""
-        self._now(self.write, self._fsync)
+        self._run_steps(self.write, self._fsync)
 
-    def hand_over(self) -> Path:
+    def write_now(self) -> Path:
         """Pass all records to the kernel, whatever ``sync`` says. Return the segment. Raises
         CentralError.
         """
-        self._now(self.write)
+        self._run_steps(self.write)
         return self._path
 
-    def turn_over(self) -> None:
+    def start_segment(self) -> None:
         """Start another segment. Raises CentralError."""
-        self._now(self.write, self.begin_segment)
+        self._run_steps(self.write, self.open_segment)
 
-    def _now(self, *steps: Callable[[], None]) -> None:
+    def _run_steps(self, *steps: Callable[[], None]) -> None:
         try:
             for step in steps:
                 step()
@@ -269,7 +269,7 @@ class LogWriter:
             data = data[written:]
         self._unsynced = True
 
-    def begin_segment(self) -> None:
+    def open_segment(self) -> None:
         """Create the next segment's file. Raises OSError."""
         with self._lock:
             if self._file >= 0:

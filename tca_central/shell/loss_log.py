@@ -31,30 +31,30 @@ def loss_in(fact: Any) -> tuple[str, str, int] | None:
 
 
 class LossLog:
-    """Collects losses. It has no clock: call ``tell`` about once per period."""
+    """Collects losses. It has no clock: call ``write_due`` about once per period."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
         #: kind of loss -> time of its last line, losses since then, reason
         self._lines: dict[str, tuple[float, int, str]] = {}
 
-    def note(self, what: str, why: str, number: int, now: float) -> None:
+    def count(self, what: str, why: str, number: int, now: float) -> None:
         """Count a loss; log it unless its kind was logged within the period."""
-        told, before, _ = self._lines.get(what, (-inf, 0, ""))
-        self._lines[what] = told, before + number, why
-        if now - told >= PERIOD:
-            self._tell(what, now)
+        written, before, _ = self._lines.get(what, (-inf, 0, ""))
+        self._lines[what] = written, before + number, why
+        if now - written >= PERIOD:
+            self._write(what, now)
 
-    def tell(self, now: float = inf) -> None:
+    def write_due(self, now: float = inf) -> None:
         """Log the kinds whose period is over, and forget those without new losses."""
-        for what, (told, number, _) in list(self._lines.items()):
-            if now - told >= PERIOD:
+        for what, (written, number, _) in list(self._lines.items()):
+            if now - written >= PERIOD:
                 if number:
-                    self._tell(what, now)
+                    self._write(what, now)
                 else:
                     del self._lines[what]
 
-    def _tell(self, what: str, now: float) -> None:
+    def _write(self, what: str, now: float) -> None:
         _, number, why = self._lines[what]
         self._log.warning("%s%s: %s", what, f" {number:,} times" if number > 1 else "", why)
         self._lines[what] = now, 0, why

@@ -23,7 +23,7 @@ class Outbox:
         self.room = 0  #: bytes that still fit into the last packet
         self.size = 0  #: bytes of all packets
 
-    def put(self, item: list[bytes], size: int) -> None:
+    def add(self, item: list[bytes], size: int) -> None:
         """Append an item, in pieces, to the last packet, or start another packet."""
         if size > self.room:
             self.packets.append([])
@@ -49,7 +49,7 @@ class Outboxes:
         self.held = 0  #: bytes in all boxes
 
     @property
-    def are_waiting(self) -> bool:
+    def has_waiting(self) -> bool:
         """Whether packets wait that a connection did not accept."""
         return bool(self._ready)
 
@@ -58,17 +58,17 @@ class Outboxes:
         """Bytes that modules have yet to read, sent or not."""
         return self.held + sum(self._unread.values())
 
-    def put(self, connection: ConnectionId, item: list[bytes]) -> None:
+    def add(self, connection: ConnectionId, item: list[bytes]) -> None:
         """Queue an item, in pieces. Connections share a large body, which is a piece of its own."""
         box = self._boxes.get(connection)
         if box is None:
             self._boxes[connection] = box = Outbox()
         size = sum(map(len, item))
-        box.put(item, size)
+        box.add(item, size)
         self.held += size
         self._ready[connection] = box
 
-    def got(self, connection: ConnectionId, size: int) -> None:
+    def credit(self, connection: ConnectionId, size: int) -> None:
         """Note that a connection has read `size` bytes."""
         if connection in self._unread:
             self._unread[connection] = max(0, self._unread[connection] - max(size, 0))
@@ -79,15 +79,15 @@ class Outboxes:
     def send_all(self) -> list[ConnectionId]:
         """Send what connections accept. Return the connections that turn out to be closed."""
         ready, self._ready = self._ready, {}
-        gone = []
+        closed = []
         for connection, box in ready.items():
             try:
                 self._send_from(box, connection)
             except ConnectionError:
-                gone.append(connection)
-        for connection in gone:
-            self.forget(connection, is_gone=True)
-        return gone
+                closed.append(connection)
+        for connection in closed:
+            self.forget(connection, is_closed=True)
+        return closed
 
     def _send_from(self, box: Outbox, connection: ConnectionId) -> None:
         packets, unread = box.packets, self._unread.get(connection, 0)
@@ -107,7 +107,7 @@ class Outboxes:
         finally:
             self._unread[connection] = unread
 
-    def give_up_beyond(self, most: int) -> dict[ConnectionId, int]:
+    def drop_beyond(self, most: int) -> dict[ConnectionId, int]:
         """Drop the fullest outboxes until at most `most` bytes wait. Return the bytes of each."""
         given_up = {}
         while self.held > most:
@@ -116,12 +116,12 @@ class Outboxes:
             self.forget(connection)
         return given_up
 
-    def forget(self, connection: ConnectionId, *, is_gone: bool = False) -> None:
+    def forget(self, connection: ConnectionId, *, is_closed: bool = False) -> None:
         """Drop what waits for a connection. If it is closed, nothing is unread either."""
         if (box := self._boxes.pop(connection, None)) is not None:
             self.held -= box.size
         self._ready.pop(connection, None)
-        if is_gone:
+        if is_closed:
             self._unread.pop(connection, None)
 
     def forget_all(self) -> None:

@@ -40,21 +40,21 @@ class PermissionsFile:
     def __init__(self, path: Path) -> None:
         """Raises PermissionsError."""
         self.path = path
-        self._seen = self._look()
+        self._seen = self._file_state()
         self.rules = read_rules(path)
 
-    def _look(self) -> tuple[int, ...]:
+    def _file_state(self) -> tuple[int, ...]:
         try:
             found = self.path.stat()
         except OSError as error:
             return (error.errno or 0,)
         return found.st_mtime_ns, found.st_size, found.st_ino
 
-    def look_again(self) -> None:
+    def refresh(self) -> None:
         """Read the file if it has changed. Log a file with mistakes, and keep the rules as they
         are.
         """
-        if (look := self._look()) == self._seen:
+        if (look := self._file_state()) == self._seen:
             return
         self._seen = look
         try:

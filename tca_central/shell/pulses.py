@@ -23,39 +23,39 @@ class Pulses:
 
     def __init__(self, patience: int) -> None:
         """`patience`: unanswered heartbeats after which a pulse is silent."""
-        self.heard: set[bytes] = set()  #: routing ids of all packets since the last heartbeat
+        self.active: set[bytes] = set()  #: routing ids of all packets since the last heartbeat
         self._patience = patience
         self._unanswered: dict[bytes, int] = {}
-        self._met: set[bytes] = set()  #: pulses that a heartbeat has reached
+        self._reached: set[bytes] = set()  #: pulses that a heartbeat has reached
 
-    def beat(self, connections: Iterable[Connection]) -> set[bytes]:
+    def start_round(self, connections: Iterable[Connection]) -> set[bytes]:
         """Start the next round of heartbeats. Return the pulses to which one goes."""
         connections = list(connections)
         pulses = {connection.pulse for connection in connections if connection.pulse}
         self._unanswered = {
             pulse: beats + 1 for pulse, beats in self._unanswered.items() if pulse in pulses
         }
-        self.listen(connections)
-        if len(self._met) > len(pulses) + _REMEMBERED:
-            self._met &= pulses
+        self.count_signs(connections)
+        if len(self._reached) > len(pulses) + _REMEMBERED:
+            self._reached &= pulses
         return pulses
 
-    def listen(self, connections: Iterable[Connection]) -> None:
+    def count_signs(self, connections: Iterable[Connection]) -> None:
         """Reset the pulses of processes that have sent anything: each packet is a sign of life."""
         for connection in connections:
             pulse = connection.pulse
-            if pulse in self._unanswered and (pulse in self.heard or connection.id in self.heard):
-                self._unanswered[pulse] = 0 if pulse in self._met else -LATE
-        self.heard.clear()
+            if pulse in self._unanswered and (pulse in self.active or connection.id in self.active):
+                self._unanswered[pulse] = 0 if pulse in self._reached else -LATE
+        self.active.clear()
 
-    def sent(self, pulse: bytes) -> None:
+    def mark_sent(self, pulse: bytes) -> None:
         """Note that a heartbeat was sent to a pulse: an answer is due."""
-        self._met.add(pulse)
+        self._reached.add(pulse)
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
-    def gone(self, pulse: bytes) -> None:
+    def mark_closed(self, pulse: bytes) -> None:
         """Note that a pulse's socket is closed: suspicious only if it was never reached."""
-        if pulse in self._met:
+        if pulse in self._reached:
             self._unanswered.pop(pulse, None)
         else:
             self._unanswered.setdefault(pulse, -LATE)

@@ -65,7 +65,7 @@ class UnfinishedRun:
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
-    def gone(self) -> Iterator[ConnectionLost]:
+    def lost_connections(self) -> Iterator[ConnectionLost]:
         """The loss of connections whose processes, on this computer, have ended."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
         for connection in list(self.central.hold.awaited):
@@ -74,7 +74,7 @@ class UnfinishedRun:
             is_here = process.startswith(here) and pid.isdecimal()
             if (
                 is_here
-                and (_was_booted(self.head) or not _lives(pid))
+                and (_was_booted(self.head) or not _is_running(pid))
                 and Path("/proc/self").exists()
             ):
                 yield ConnectionLost(
@@ -87,7 +87,7 @@ def _was_booted(head: Head) -> bool:
     return head.boot != this_boot()
 
 
-def _lives(process: str) -> bool:
+def _is_running(process: str) -> bool:
     """Whether a process runs. A zombie does not."""
     try:
         state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(") ")[2][:1]
@@ -96,7 +96,7 @@ def _lives(process: str) -> bool:
     return state not in ("Z", "X")
 
 
-def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
+def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegment]:
     """The segments of inputs of the newest run in a folder, oldest first; none if it ended
     regularly.
 
@@ -121,7 +121,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
 
     Args:
         folder: The folder of the run.
-        segments: The run's segments of inputs, from ``unfinished``.
+        segments: The run's segments of inputs, from ``unfinished_segments``.
         accept: Whether to continue in spite of a difference to the journal.
 
     Raises:
@@ -138,12 +138,12 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
         while (difference := facts.compare(given, missing)) is not None:
             if not accept and not (may_lack and difference.given is None):
                 raise difference
-            facts.put_aside(difference)
+            facts.move_aside(difference)
     except NoReplay as error:
         msg = f"{error}; --fresh starts a new run there"
         raise CentralError(msg) from None
-    replay.mend()
-    facts.mend()
+    replay.cut_log()
+    facts.cut_journal()
     if may_lack:
         what = (
             "the last inputs"

@@ -17,7 +17,7 @@ from tca_central.shell.input_log import (
     Ended,
     InputSegment,
 )
-from tca_central.shell.log_writer import cut, files_of, numbers, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, move_aside, numbers, sync_path
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
@@ -113,8 +113,8 @@ class InputReplay:
                 f"and this tca reads only {INPUT_VERSION}.{PROTOCOL_VERSION}: "
                 f"finish the run with tca {other.central}"
             )
-            raise self._hopeless(what)
-        self.central, self._segments = self._begin(segments, from_first=from_first)
+            raise self._no_replay(what)
+        self.central, self._segments = self._first_state(segments, from_first=from_first)
         self.began = self.central.events  #: the number of events before the inputs
         self.first = self._segments[0].number
 
@@ -128,10 +128,10 @@ class InputReplay:
                 except Exception as error:
                     what = f"{type(error).__name__}: {error}"
                     msg = f"input {self.inputs} leads to an internal error of central ({what})"
-                    raise self._hopeless(msg) from error
+                    raise self._no_replay(msg) from error
                 yield from (effect.entry for effect in effects if isinstance(effect, Record))
 
-    def _begin(
+    def _first_state(
         self, segments: list[InputSegment], *, from_first: bool
     ) -> tuple[Central, list[InputSegment]]:
         """The newest readable state, and the segments after it."""
@@ -153,7 +153,7 @@ class InputReplay:
                     continue
                 return central, [segment for segment in segments if segment.number >= number]
         if not self.head.is_first:
-            raise self._hopeless(
+            raise self._no_replay(
                 why
                 or "its first inputs were removed, and there is no image of the state after them"
             )
@@ -164,7 +164,7 @@ class InputReplay:
             if segment.number > number:
                 if self._cuts or self._may_lack:
                     return
-                raise self._hopeless(f"its inputs number {number} are missing")
+                raise self._no_replay(f"its inputs number {number} are missing")
             if segment.head is not None:
                 self._last = segment
             for event in segment:
@@ -177,7 +177,7 @@ class InputReplay:
                 raise _damaged(segment)
             return
 
-    def mend(self) -> None:
+    def cut_log(self) -> None:
         """Cut the log after the last input that was read, so that new records follow a sound one.
 
         Raises OSError.
@@ -192,7 +192,7 @@ class InputReplay:
                     # Left by a failed start, an image of a later state, or a partial image.
                     path.unlink()
         if later or not last.is_torn:
-            put_aside(last.path, last.end, *later)
+            move_aside(last.path, last.end, *later)
         sync_path(self.folder)
         for path in files_of(self.folder, INPUT_SUFFIX):
             # A killed central may not have synced them, and new records build on them.
@@ -200,7 +200,7 @@ class InputReplay:
                 sync_path(path)
         cut(last.path, last.end)
 
-    def _hopeless(self, why: str) -> "NoReplay":
+    def _no_replay(self, why: str) -> "NoReplay":
         return NoReplay(f"the inputs in {self.folder} can't be handled again: {why}")
 
 

@@ -12,7 +12,7 @@ from tca_central.events import Input
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
-from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
+from tca_central.shell.recovery import UnfinishedRun, recover, unfinished_segments
 from tca_central.shell.run_log import RunLog
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
@@ -24,7 +24,7 @@ class Recorder(Protocol):
 
     log: RunLog | None
 
-    def take(self, event: Input) -> None:
+    def handle_input(self, event: Input) -> None:
         """Handle an input."""
 
 
@@ -56,10 +56,10 @@ class RunFolder:
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
 
     def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
-        segments = unfinished(self.path, accept=accept or is_fresh)
+        segments = unfinished_segments(self.path, accept=accept or is_fresh)
         if not segments or not is_fresh:
             return recover(self.path, segments, accept=accept) if segments else None
-        segments[-1].end_run("a new run was started")
+        segments[-1].write_end("a new run was started")
         log.warning("starts a new run: the unfinished run, and its tasks, are left as they are")
         return None
 
@@ -87,14 +87,14 @@ class RunFolder:
         if inputs is not None:
             inputs.first = run.first
         server.log = RunLog(journal, inputs, known=run.known, kept=run.kept)
-        self._go_on(server, run, inputs, hold=hold)
+        self._continue_run(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(
+    def _continue_run(
         server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool
     ) -> None:
         restarted = run.restarted(hold=hold)
-        server.take(restarted)
+        server.handle_input(restarted)
         if restarted.skipped and inputs is not None:
             # After another power cut now, other numbers must be skipped.
             inputs.make_safe()
@@ -106,8 +106,8 @@ class RunFolder:
             len(run.central.hold.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
         )
-        for lost in run.gone():
-            server.take(lost)
+        for lost in run.lost_connections():
+            server.handle_input(lost)
 
     def close(self) -> None:
         """Release the folder."""

@@ -31,12 +31,12 @@ class RunLog:
         self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
-    def take(self, event: Input) -> None:
+    def add_input(self, event: Input) -> None:
         """Append an input that is about to be handled."""
         if self._inputs is not None:
             self._inputs.add(event)
 
-    def add(self, entry: Entry) -> None:
+    def add_entry(self, entry: Entry) -> None:
         """Append an entry."""
         self._journal.add(entry)
 
@@ -48,7 +48,7 @@ class RunLog:
             self._inputs.flush()
         self._journal.flush()
         if self.images is not None:
-            self.images.tend(central)
+            self.images.update(central)
 
     def check(self) -> None:
         """Raise CentralError if writes would be lost."""

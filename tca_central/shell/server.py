@@ -125,7 +125,7 @@ class Daemon:
         self.stopping = ""  #: why the loop must end; "" while it runs
         #: Whether ``stop`` was called: then the run ends, and does not continue at the next start.
         self._is_stop_requested = False
-        self._began = time.monotonic() - central.clock.now
+        self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
         self._too_slow: dict[ConnectionId, str] = {}
         self._lines = LogLines(log, central)
@@ -137,19 +137,19 @@ class Daemon:
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._gate = gate or gate_for(endpoint, insecure=True)
-        self._lock = _lock_of(endpoint)
+        self._lock = _lock_address(endpoint)
         self._context = zmq.Context()
         #: Whether an unknown connection has closed: heartbeats to all of them show which.
         self._has_lost = False
         self._closed = 0  #: sockets that have closed, as the door counts them
         self._expected = 0  #: closed sockets that are accounted for: announced, or searched for
-        self._wake, self._woken = sockets.socketpair()
-        self._wake.setblocking(False)
+        self._wake_sender, self._wake_receiver = sockets.socketpair()
+        self._wake_sender.setblocking(False)
         self.socket, self._door = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
         self._is_lively = False  #: a packet has just arrived, so another one is likely
         self._poller = zmq.Poller()
-        self._poller.register(self._woken.fileno(), _POLLIN)
+        self._poller.register(self._wake_receiver.fileno(), _POLLIN)
         self._poller.register(self.socket, _POLLIN)
 
     def stop(self, why: str) -> None:
@@ -158,7 +158,7 @@ class Daemon:
         self.stopping = why
         self._wake_up()
 
-    def look_again(self) -> None:
+    def check_soon(self) -> None:
         """Check keys, permissions and log files soon. Signal handlers may call this."""
         self._next_pulse = 0.0
         self._wake_up()
@@ -170,18 +170,18 @@ class Daemon:
     def _wake_up(self) -> None:
         # OSError: the loop has ended and closed the socket, or earlier wake-ups fill its buffer.
         with contextlib.suppress(OSError):
-            self._wake.send(b".")
+            self._wake_sender.send(b".")
 
     # --- the loop ---------------------------------------------------------------------------------
 
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
-        self._ask_gate()
+        self._apply_gate_changes()
         budget = self.central.budget
         if (budget.total, budget.tap_depth, budget.task_depth) != self._limits:
-            self.take(LimitsSet(self.now(), *self._limits))
+            self.handle_input(LimitsSet(self.now(), *self._limits))
         while not self.stopping:
-            patience = self._patience()
+            patience = self._poll_timeout()
             if self._is_lively and patience > LIVELY:
                 # ZeroMQ's own wait is cheaper than a poll, but only a packet ends it.
                 self._is_lively = self._receive(0)
@@ -190,39 +190,39 @@ class Daemon:
                     if source is self.socket:
                         self._is_lively = self._receive()
                     else:
-                        self._woken.recv(4096)
+                        self._wake_receiver.recv(4096)
             if not patience:
-                self._do_what_is_due()
+                self._run_due_work()
             self._flush()
 
-    def take(self, event: Input) -> None:
+    def handle_input(self, event: Input) -> None:
         """Log an input, pass it to the core, carry out its effects. Raises CentralError."""
         events = events_of(event)
         if self.log is not None:
-            self.log.take(_as_kept(event, events))
+            self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
             if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
-                self._note(one.connection, one.header)
+                self._track(one.connection, one.header)
             try:
                 effects = handle(one)
             except Exception as error:
-                raise self._own_error(one, error, index) from error
+                raise self._internal_error(one, error, index) from error
             self._perform(effects)
 
-    def _note(self, connection: ConnectionId, header: Bye | Receipt) -> None:
+    def _track(self, connection: ConnectionId, header: Bye | Receipt) -> None:
         if isinstance(header, Bye):
-            self._expected += self._lines_of(connection)
+            self._expected += self._count_sockets(connection)
         else:
-            self._outboxes.got(connection, header.size)
+            self._outboxes.credit(connection, header.size)
 
-    def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
+    def _internal_error(self, event: Event, error: Exception, index: int) -> CentralError:
         """Return the error with which central ends after an error of its own (decision 52).
 
         Log that a replay must refuse this request, which would end central again.
         """
         if self.log is not None:
-            self.log.take(Spared(index))
+            self.log.add_input(Spared(index))
         what, who = type(event).__name__, ""
         if isinstance(event, RequestReceived):
             what = type(event.header).__name__
@@ -239,13 +239,13 @@ class Daemon:
     def _perform(self, effects: list[Effect]) -> None:
         for effect in effects:
             if isinstance(effect, Transmit):
-                self._put(effect.connection, effect.header, effect.body)
+                self._enqueue(effect.connection, effect.header, effect.body)
                 continue
             if self.log is not None:
-                self.log.add(effect.entry)
+                self.log.add_entry(effect.entry)
             self._lines.write(effect)
 
-    def _do_what_is_due(self) -> None:
+    def _run_due_work(self) -> None:
         if self._closed > self._expected:
             self._has_lost, self._expected = True, self._closed
         if self._has_lost or self._too_slow or self.now() >= self._next_beat:
@@ -254,7 +254,7 @@ class Daemon:
             self._find_silent()
         due = self.central.clock.next
         if due is not None and due <= self.now():
-            self.take(Tick(self.now()))
+            self.handle_input(Tick(self.now()))
 
     def _flush(self) -> None:
         """End a turn: write the log first, then send the messages that it records."""
@@ -262,13 +262,13 @@ class Daemon:
             try:
                 self.log.flush(self.central)
             except CentralError as error:
-                self._log_lost(error)
+                self._on_log_failure(error)
         for connection in self._outboxes.send_all():  # the next heartbeats find the loss
             self._has_lost |= connection in self.central.registry.connections
-        for connection, size in self._outboxes.give_up_beyond(self.central.budget.unread).items():
+        for connection, size in self._outboxes.drop_beyond(self.central.budget.unread).items():
             self._too_slow[connection] = f"it reads too slowly: {size:,} bytes wait for it"
 
-    def _log_lost(self, error: CentralError) -> None:
+    def _on_log_failure(self, error: CentralError) -> None:
         """Continue without a journal if that was asked for; else raise the error."""
         if self.log is None or not self.continues_unrecorded:
             self._outboxes.forget_all()  # nothing may be sent that is not recorded
@@ -286,7 +286,7 @@ class Daemon:
         )
         self.log = None
 
-    def _look_at_log(self) -> None:
+    def _check_log(self) -> None:
         """Find what a write would not: removed files, and a disk that is nearly full."""
         if self.log is None:
             return
@@ -294,18 +294,18 @@ class Daemon:
             self.log.check()
             is_low = self.log.is_nearly_full()
         except CentralError as error:
-            self._log_lost(error)
+            self._on_log_failure(error)
         except OSError:  # the next write will fail, too
             return
         else:
             if is_low != self.central.is_disk_low:
-                self.take(DiskSpace(self.now(), is_low))
+                self.handle_input(DiskSpace(self.now(), is_low))
 
     def now(self) -> float:
         """Seconds since central started, on a clock that never jumps."""
-        return time.monotonic() - self._began
+        return time.monotonic() - self._started_at
 
-    def _patience(self) -> int:
+    def _poll_timeout(self) -> int:
         """Milliseconds until the next heartbeat, timer or retry of a slow connection."""
         until = min(self._next_beat, self._next_pulse)
         due = self.central.clock.next
@@ -314,7 +314,7 @@ class Daemon:
         left = until - self.now()
         if left <= 0 or self._has_lost or self._too_slow or self._closed > self._expected:
             return 0
-        return 10 if self._outboxes.are_waiting else int(left * 1000) + 1
+        return 10 if self._outboxes.has_waiting else int(left * 1000) + 1
 
     # --- receiving --------------------------------------------------------------------------------
 
@@ -341,33 +341,33 @@ class Daemon:
             if size and len(frame) > BYTES_PER_TURN:  # answers to earlier packets need not wait
                 self._flush()
             size += len(frame) if now < until else BYTES_PER_TURN
-            self._take_in(connection, frame, now)
+            self._accept_packet(connection, frame, now)
         return True
 
-    def _take_in(self, connection: ConnectionId, frame: zmq.Frame, now: float) -> None:
+    def _accept_packet(self, connection: ConnectionId, frame: zmq.Frame, now: float) -> None:
         """Handle a packet if its sender may connect."""
         if (principal := self._gate.principal_of(frame)) is None or connection.startswith(AWAY):
-            self._turn_away(connection, frame)
+            self._reject(connection, frame)
             return
-        if self._gate.has_news:
-            self._ask_gate()
-        self._pulses.heard.add(connection)
+        if self._gate.has_changes:
+            self._apply_gate_changes()
+        self._pulses.active.add(connection)
         if frame.more:
-            self.take(BadBytes(now, connection, self._many_frames(frame)))
+            self.handle_input(BadBytes(now, connection, self._discard_frames(frame)))
             return
         packet = frame.bytes
         if not packet:  # a new connection
-            self._greet(connection)
+            self._ask_identity(connection)
         elif packet != _BEAT:  # a pulse returns heartbeats
-            self.take(Arrived(now, connection, packet, principal))
+            self.handle_input(Arrived(now, connection, packet, principal))
 
-    def _turn_away(self, connection: ConnectionId, frame: zmq.Frame) -> None:
+    def _reject(self, connection: ConnectionId, frame: zmq.Frame) -> None:
         """Discard a packet whose sender may not connect, unread; at its first one say so."""
-        self._many_frames(frame)
-        if self._gate.is_new(connection):
-            self._put(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
+        self._discard_frames(frame)
+        if self._gate.is_first_rejection(connection):
+            self._enqueue(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
 
-    def _many_frames(self, frame: zmq.Frame) -> str:
+    def _discard_frames(self, frame: zmq.Frame) -> str:
         """Discard the other frames of a message, and return the complaint about it."""
         frames, receive, is_more = 1, self.socket.recv, self.socket.getsockopt
         more: Any = frame.more
@@ -376,12 +376,12 @@ class Daemon:
             frames, more = frames + 1, is_more(_RCVMORE)
         return f"{frames:,} frames; a packet is one"
 
-    def _greet(self, connection: ConnectionId) -> None:
+    def _ask_identity(self, connection: ConnectionId) -> None:
         """Ask an unknown connection to identify itself."""
         if connection not in self.central.registry.connections:
-            self._put(connection, Unknown(), b"")
+            self._enqueue(connection, Unknown(), b"")
 
-    def _lines_of(self, connection: ConnectionId) -> int:
+    def _count_sockets(self, connection: ConnectionId) -> int:
         """Count the sockets that close with a connection.
 
         These are its own and, with the last connection of its process, the pulse.
@@ -393,12 +393,12 @@ class Daemon:
             bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1
         )
 
-    def _ask_gate(self) -> None:
+    def _apply_gate_changes(self) -> None:
         """Handle changes of keys and permissions."""
-        for event in self._gate.news(self.now(), self.central):
-            self.take(event)
+        for event in self._gate.changes(self.now(), self.central):
+            self.handle_input(event)
             if isinstance(event, ConnectionLost):
-                self._put(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
+                self._enqueue(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
 
     def _find_lost(self) -> None:
         """Send heartbeats to connections, and handle the loss of closed ones.
@@ -417,25 +417,25 @@ class Daemon:
             self._expected = min(self._expected, self._closed)
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes.connections() if one not in known]:
-            self._outboxes.forget(stranger, is_gone=not self._beat(stranger))
+            self._outboxes.forget(stranger, is_closed=not self._send_heartbeat(stranger))
         if self.central.untold:
-            self.take(TellAll(now))
+            self.handle_input(TellAll(now))
         for connection, why in self._too_slow.items():
-            self.take(ConnectionLost(now, connection, why))
-            self._greet(connection)
+            self.handle_input(ConnectionLost(now, connection, why))
+            self._ask_identity(connection)
         self._too_slow.clear()
         beats = [
             one
             for one in known.values()
             if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
         ]
-        gone = [one.id for one in beats if not self._beat(one.id)]
+        gone = [one.id for one in beats if not self._send_heartbeat(one.id)]
         if gone:
-            self._hear_last_words()
+            self._drain()
         for connection in gone:
-            self.take(ConnectionLost(self.now(), connection))
+            self.handle_input(ConnectionLost(self.now(), connection))
 
-    def _beat(self, connection: ConnectionId) -> bool:
+    def _send_heartbeat(self, connection: ConnectionId) -> bool:
         """Send a heartbeat. Return False if the connection is closed."""
         try:
             self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
@@ -451,26 +451,26 @@ class Daemon:
         A stopped process returns no heartbeat, although the kernel keeps its sockets open.
         """
         self._next_pulse = self.now() + PULSE_PERIOD
-        self._look_at_log()
-        self._ask_gate()
-        self._lines.losses.tell(self.now())
+        self._check_log()
+        self._apply_gate_changes()
+        self._lines.losses.write_due(self.now())
         known, pulses = self.central.registry.connections, self._pulses
-        beating = pulses.beat(known.values()) if self._lost_after else set()
+        beating = pulses.start_round(known.values()) if self._lost_after else set()
         if pulses.silent():
-            self._hear_last_words()  # their heartbeats may have arrived without being read
-            pulses.listen(known.values())
+            self._drain()  # their heartbeats may have arrived without being read
+            pulses.count_signs(known.values())
         silent = pulses.silent()
         for connection in [one for one in known.values() if one.pulse in silent]:
             why = f"its process was silent for {self._lost_after} s"
-            self.take(ConnectionLost(self.now(), connection.id, why))
-            self._greet(connection.id)  # for when the process continues
+            self.handle_input(ConnectionLost(self.now(), connection.id, why))
+            self._ask_identity(connection.id)  # for when the process continues
         for pulse in beating - silent:
-            if self._beat(ConnectionId(pulse)):
-                pulses.sent(pulse)
+            if self._send_heartbeat(ConnectionId(pulse)):
+                pulses.mark_sent(pulse)
             else:
-                pulses.gone(pulse)
+                pulses.mark_closed(pulse)
 
-    def _hear_last_words(self) -> None:
+    def _drain(self) -> None:
         """Handle all packets that have arrived: a connection may have said Bye before it closed."""
         for _ in range(MOST_DRAIN_TURNS):
             if not self._receive():
@@ -483,10 +483,10 @@ class Daemon:
 
     # --- sending ----------------------------------------------------------------------------------
 
-    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
-        self._outboxes.put(connection, codec.pack_apart(header, body))
+        self._outboxes.add(connection, codec.pack_apart(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
         """Send a packet. Return False if the connection accepts no more now.
@@ -527,10 +527,10 @@ class Daemon:
 
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
-        self._lines.losses.tell()
+        self._lines.losses.write_due()
         self._perform(self.central.handle(TellAll(self.now())))
         for connection in self.central.registry.connections:
-            self._put(connection, Closing(self.stopping), b"")
+            self._enqueue(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
             if self.log is not None:
@@ -544,16 +544,16 @@ class Daemon:
             os.close(self._lock)
 
     def _close_wakers(self) -> None:
-        self._wake.close()
-        self._woken.close()
+        self._wake_sender.close()
+        self._wake_receiver.close()
 
 
-def _as_kept(event: Input, events: Sequence[Event]) -> Input:
+def _as_logged(event: Input, events: Sequence[Event]) -> Input:
     """The input as the log stores it. Bytes that are no message become their error."""
     return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
 
 
-def _lock_of(endpoint: str) -> int:
+def _lock_address(endpoint: str) -> int:
     """Lock a Unix socket's address against other centrals. Return the lock's file (-1: TCP).
 
     ZeroMQ would silently take over the address of a running central.

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.shell.log_writer import cut, files_of, is_unbegun, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, has_no_record, move_aside, sync_path
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
@@ -83,18 +83,18 @@ class WrittenFacts:
             self.last, self._next = self._next, next(self._entries, None)
         return whole
 
-    def put_aside(self, difference: Difference) -> None:
+    def move_aside(self, difference: Difference) -> None:
         """Cut the journal at a difference, and move the rest to files beside it."""
         path, place = difference.path, self._paths.index(difference.path)
         self.aside += 1 + sum(1 for _ in self._entries)
-        put_aside(path, difference.offset, *self._paths[place + 1 :])
-        self.opened = _beginning(path)[0] or self.opened
+        move_aside(path, difference.offset, *self._paths[place + 1 :])
+        self.opened = _head_of(path)[0] or self.opened
         self._next, self._end, self._paths = None, difference.offset, self._paths[: place + 1]
 
-    def mend(self) -> None:
+    def cut_journal(self) -> None:
         """Cut a partial record at the end, for another segment follows. Raises OSError."""
         for path in files_of(self._folder, SEGMENT_SUFFIX):
-            if (not self._paths or path > self._paths[-1]) and is_unbegun(path):
+            if (not self._paths or path > self._paths[-1]) and has_no_record(path):
                 path.unlink()
         sync_path(self._folder)
         for path in self._paths:
@@ -109,9 +109,9 @@ class WrittenFacts:
         """The run's segments, from the one that contains the entry `after`."""
         found: list[Path] = []
         for path in reversed(files_of(self._folder, SEGMENT_SUFFIX)):
-            opened, first = _beginning(path)
+            opened, first = _head_of(path)
             if opened is None:
-                if not is_unbegun(path):  # else central ended while creating it
+                if not has_no_record(path):  # else central ended while creating it
                     self._has_holes = True
                     found.append(path)
                 continue
@@ -142,7 +142,7 @@ class WrittenFacts:
                 self._end = reader.offset
 
 
-def _beginning(path: Path) -> tuple[Opened | None, int]:
+def _head_of(path: Path) -> tuple[Opened | None, int]:
     """The first fact of a segment, and the number of the last entry before the segment."""
     with path.open("rb") as stream:
         try:
@@ -158,7 +158,7 @@ def newest_segment(folder: Path) -> tuple[Path, str] | None:
     """The newest segment with a readable head, and the epoch of its run."""
     paths = reversed(files_of(folder, SEGMENT_SUFFIX))
     return next(
-        ((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None),
+        ((path, opened.epoch) for path in paths if (opened := _head_of(path)[0]) is not None),
         None,
     )
 

@@ -237,7 +237,7 @@ def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
     newest = player.central.tree.newest
     refused = player.send("user", "move", keep=True)[-1]
     assert (refused.refusal, player.central.tree.newest) == (Refusal.OVERLOAD, newest)
-    assert "release those that nobody asks for any more" in refused.text
+    assert "release some first" in refused.text
     for _ in range(2):
         player.reply("legs/1", value="x" * 100)
     assert list(player.central.memory.kept) == [1, 2]
@@ -272,7 +272,7 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
     for _ in range(500):
         player.request("user", headers.Deadline, end, 1e6)
         player.request("user", headers.Kill, TaskId(task), "", Scope.TASK, None, 1e6)
-    text = f"1000 kills, deadlines and delays lie ahead of task {task} 'move' already"
+    text = f"1,000 kills, deadlines and delays are pending for task {task} 'move' already"
     for header in (
         headers.Deadline(0, end, 1.0),
         headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0),
@@ -366,7 +366,7 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
     "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
         request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
     "farewells": (steering, "MOST_FAREWELLS", lambda request, task: headers.Send(
-        request, "move", parent=TaskId(task), when_killed=True), "1 messages wait for the termination of"),
+        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for the termination of"),
 }  # fmt: skip
 
 

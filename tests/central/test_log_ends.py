@@ -30,7 +30,7 @@ def live(
     """Start there, take some packets, be killed."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
-        daemon.take(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
+        daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
     daemon.kill()
     return daemon
 

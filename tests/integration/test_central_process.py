@@ -175,7 +175,7 @@ def test_a_second_central_takes_neither_address_nor_folder(
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
         said = refused("--bind", daemon.address, "--no-journal")
-        assert f"can't listen on {daemon.address}: another central uses it; stop that one" in said
+        assert f"can't listen on {daemon.address}: another central uses it; stop it" in said
         said = refused("--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal))
         assert "another central writes its journal there: name another folder" in said
         assert sorted(path.name for path in daemon.journal.iterdir()) == before

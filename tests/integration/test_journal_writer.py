@@ -16,7 +16,7 @@ from tca_central.shell import log_writer, run_log
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder
-from tca_central.shell.recovery import unfinished
+from tca_central.shell.recovery import unfinished_segments
 from tca_central.shell.run_log import RunLog
 from tca_module import Client, Inform, TcaError, connect
 from tca_tools.errors import UnusableLog
@@ -174,10 +174,10 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     def fails(_: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    log.take(Tick(1.0))
+    log.add_input(Tick(1.0))
     log.flush(core)
     monkeypatch.setattr(os, "fdatasync", fails)
-    log.take(Tick(2.0))
+    log.add_input(Tick(2.0))
     for _ in range(2):  # a second try would say that all is well
         with pytest.raises(CentralError, match="Input/output error: central stops"):
             log.flush(core)
@@ -186,7 +186,7 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     assert not any(
         isinstance(fact, Closed) for entry in open_log(tmp_path / "run") for fact in entry.facts
     )
-    assert unfinished(tmp_path / "run")
+    assert unfinished_segments(tmp_path / "run")
 
 
 def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> None:
