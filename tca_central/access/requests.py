@@ -1,10 +1,10 @@
-"""The permissions that requests need: a row for each message of the protocol, asked only where
-there are rules.
+"""The permissions that requests need: a row for each message of the protocol, used only if there
+are rules.
 
-What a principal has sent, and what it handles, is its own: that needs no permission. Nor do
-answers, which count only from the slot that was given the message, nor what ends a connection's own
-wants. What a request mentions that does not exist is left to the function that carries it out: that
-refuses it, too.
+A principal needs no permission for tasks that it has sent or handles. Answers need none, since they
+count only from the slot that was given the message. Requests that end a connection's own waits need
+none. A request that names something that does not exist passes here: the function that carries it
+out refuses it.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,17 +26,17 @@ SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
 LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
 
 OPEN_TOPICS = ("messages", "modules")
-"""Central tells these to all: the module library asks for them to explain errors."""
+"""Topics that need no permission: the module library asks for them to explain errors."""
 
 
 def check(central: State, connection: Connection, header: headers.ToCentral) -> None:
-    """Raise RequestError if a connection may not ask for that."""
+    """Raise RequestError if a connection may not make that request."""
     if (needs := NEEDS[type(header)]) is not None:
         needs(central, connection, cast("Never", header))
 
 
 def forbidden(connection: Connection, what: str) -> RequestError:
-    """The error of a connection that may not do *what*."""
+    """The error for a connection that may not do `what`."""
     module = connection.module
     who = f" ({module.principal})" if module.principal else ""
     return RequestError(
@@ -61,7 +61,7 @@ def _may_one_of(connection: Connection, permissions: Iterable[Permission], name:
 
 
 def _is_own(connection: Connection, task: Task) -> bool:
-    """Whether its principal has sent a task, or handles it."""
+    """Whether a connection's principal has sent a task, or handles it."""
     principal, sender, slot = connection.principal, task.sent_by, task.slot
     if isinstance(sender, Module) and sender.principal == principal:
         return True
@@ -69,8 +69,8 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
-    """Whether the handler that asks is the exception handler of a failure of what is under that
-    task, or of itself.
+    """Whether the asking handler is the exception handler for a failure of that task, or of one
+    under it.
     """
     asking: Delivery | None = central.dispatcher.running.get(central.origin)
     if (
@@ -88,8 +88,9 @@ def _decides_for(central: State, connection: Connection, task: Task) -> bool:
 
 
 def _control(central: State, connection: Connection, number: TaskId, what: str) -> None:
-    """Its principal may steer that task. One that has ended is not changed any more; all hang under
-    the root.
+    """Check that a connection may steer a task.
+
+    A task that has ended does not change, and every task is under the root.
     """
     task = central.tree.tasks.get(number)
     if number == ROOT:
@@ -97,18 +98,18 @@ def _control(central: State, connection: Connection, number: TaskId, what: str) 
     if task is None or _is_own(connection, task) or _may(connection, KILL, task.message.name):
         return
     if not _decides_for(central, connection, task):
-        raise forbidden(connection, f"{what} {task}, which is somebody else's")
+        raise forbidden(connection, f"{what} {task}, which is not its own")
 
 
 def _see(central: State, connection: Connection, number: TaskId) -> None:
-    """Its principal may know what a task does, and did."""
+    """Check that a connection may see what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
         is_its = _is_own(connection, task) or _may_one_of(
             connection, (TAP, KILL), task.message.name
         )
         if not is_its and not _decides_for(central, connection, task):
-            raise forbidden(connection, f"see {task}, which is somebody else's")
+            raise forbidden(connection, f"see {task}, which is not its own")
         return
     owner, record = (
         central.registry.permissions.outcome_owners.get(number),
@@ -121,7 +122,7 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
     ):
         return
     if record is None or not _may_see_record(connection, record):
-        raise forbidden(connection, f"see task {number}, which was somebody else's")
+        raise forbidden(connection, f"see task {number}, which was not its own")
 
 
 def _may_see_record(connection: Connection, record: KeptTask) -> bool:
@@ -137,14 +138,14 @@ def _constrain(
             _control(central, connection, constraint.after.task, "constrain")
 
 
-# --- a function a message -------------------------------------------------------------------------
+# --- one function per message ---------------------------------------------------------------------
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
-    # by the request that sent it
+    # A negative number is that of the request that sent the task.
     number = connection.tasks.get(-header.task) if header.task < 0 else header.task
     if number is None:
-        return  # there is nothing to kill
+        return  # the task was never sent
     _control(central, connection, number, "kill")
     task = central.tree.tasks.get(number)
     if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
@@ -193,7 +194,9 @@ def _remove(central: State, connection: Connection, header: headers.Remove) -> N
 
 
 def _holds(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
-    """Whether all who have attached something are of its principal, and connected."""
+    """Whether all modules that have attached something belong to the principal, and are
+    connected.
+    """
     runs = [central.registry.modules.get(holder.run) for holder in holders]
     return all(run is not None and run.principal == connection.principal for run in runs)
 
@@ -235,7 +238,7 @@ def _get_variable(_: State, connection: Connection, header: headers.GetVariable)
 
 
 def _lock(central: State, connection: Connection, header: headers.Lock) -> None:
-    """Whatever resource may be meant."""
+    """Check all resources that the request may mean."""
     for module in central.registry.modules.values():
         if module is connection.module or header.resource not in module.resources:
             continue
@@ -254,12 +257,12 @@ def _noted(_: State, connection: Connection, header: Noted) -> None:
 
 
 def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
-    """A request that steers the task of that *number*."""
+    """Make the check of a request that steers the task of that `number`."""
     return lambda central, connection, header: _control(central, connection, number(header), what)
 
 
 NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
-    headers.Hello: None,  # joining.py: which names a principal may have
+    headers.Hello: None,  # joining.py checks the names that a principal may have
     headers.Register: _register,
     headers.Unregister: None,
     headers.Send: _send,
@@ -302,4 +305,4 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     Noted: _noted,
     WatchEntrance: None,
 }
-"""One row per message: what it needs; None: nothing."""
+"""One row per message: the check of its permissions; None: it needs none."""

@@ -7,10 +7,10 @@ newest first, then those of its message. The handler that it finds runs as a goa
 task. While the handler decides, the failing task does not count as handled.
 
 Three decisions deal with a failure: a retry of the failing task or of a task above it, a kill of
-one of these, and ``resolved()``, which takes effect when the handler's task has ended. In all other
-cases the search continues above the handler. It continues at once when the handler reissues the
-failure, or itself fails other than by choice without a handler for that. Else it continues when the
-handler's task has ended.
+such a task, and ``resolved()``. The last takes effect when the handler's task has ended. In all
+other cases the search continues above the handler. It continues at once when the handler reissues
+the failure, or itself fails other than by choice without a handler for that. Else it continues when
+the handler's task has ended.
 """
 
 from collections import Counter
@@ -100,7 +100,7 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
 def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bool) -> Task | None:
     """Call the nearest exception handler for a failure. Return its task.
 
-    If there is none, the top-level task ends, its sender gets the failure, and this returns None.
+    Without a handler the top-level task ends, its sender gets the failure, and this returns None.
     """
     handler = _call_handler(central, task, failure, is_beside=is_beside)
     if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
@@ -227,8 +227,8 @@ def _rank(attached: AttachedHandler) -> tuple[bool, int]:
 def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """End the top-level task of a failure that no handler deals with, and return None.
 
-    A failure within an exception handler is different if the handler did not choose it, or if a
-    retry has left it behind: kill the handler, and return it.
+    If the failure is within an exception handler, and not by choice or left behind by a retry, kill
+    that handler instead, and return it.
     """
     exceptions = task.recoveries()
     undecided = exceptions[0] if exceptions else None

@@ -1,6 +1,4 @@
-"""Observers are told of each change of a task's state; those who come late, first how things
-stand.
-"""
+"""Observers get each change of a task's state; late observers first get the current states."""
 
 from collections.abc import Iterable
 
@@ -21,21 +19,22 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
-"""Tasks of which an observer who comes late is told."""
+"""Tasks of which a late observer gets the current state."""
 MOST_LOOKED_AT = 100_000
-"""Tasks that are looked at for that."""
+"""Tasks that are searched for these."""
 
 
 def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
-    """A module wants to be told of states. It is told how things stand; then an answer without a
-    body says that what comes now is news.
+    """A module wants to observe states.
+
+    It gets the current states, then an answer without a body, then each change.
     """
     observation = Observation(connection, header)
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
         _tell_end(central, connection, header)
         return
-    # nothing stands under it, and nothing will
+    # There will be no task under one that has ended.
     if header.below and central.tree.task(header.below) is None:
         central.tell(connection, Answer(header.number, more=True))
         central.send(connection, header.number, Answer(header.number))
@@ -50,14 +49,14 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
 
 
 def begin_observers_wait(central: State, observation: Observation) -> None:
-    """Whoever observes does nothing, as far as is known, until there is news."""
+    """Record that an observer, as far as central knows, only waits for the next change."""
     if not observation.is_awaited:
         observation.is_awaited = True
         central.facts.append(facts.WaitBegan(*observation.wait))
 
 
 def _living(central: State, observation: Observation) -> list[Task]:
-    """The tasks that it is about. Raises RequestError if there are too many of them."""
+    """The observed tasks that live. Raises RequestError if there are too many."""
     tree = central.tree
     if observation.task_id:
         return [tree.tasks[observation.task_id]]
@@ -79,7 +78,7 @@ def _living(central: State, observation: Observation) -> list[Task]:
 
 
 def _tell_end(central: State, connection: Connection, header: Observe) -> None:
-    """The task to be observed has ended: tell how."""
+    """Answer the observer of a task that has ended with its outcome."""
     result, failure, text, body = central.memory.known_outcome(header.task)
     kept = central.memory.kept.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
@@ -123,7 +122,7 @@ def _as_it_stands(task: Task) -> StateChange:
 
 
 def tell_end(central: State, task: Task) -> None:
-    """A task has ended: its last state is that of its outcome."""
+    """Send observers the last state of a task that has ended, which follows from its outcome."""
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
     end_state = cycle.done if outcome.lets_go_on else cycle.cancelled

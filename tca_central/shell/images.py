@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 
 from tca_central.core import Central
-from tca_central.image.encoder import encode, can_encode
+from tca_central.image.encoder import can_encode, encode
 from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
