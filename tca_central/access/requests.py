@@ -105,10 +105,10 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
     """Check that a connection may see what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
-        is_its = _is_own(connection, task) or _may_one_of(
+        is_own = _is_own(connection, task) or _may_one_of(
             connection, (TAP, KILL), task.message.name
         )
-        if not is_its and not _decides_for(central, connection, task):
+        if not is_own and not _decides_for(central, connection, task):
             raise forbidden(connection, f"see {task}, which is not its own")
         return
     owner, record = (
@@ -126,8 +126,8 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: KeptTask) -> bool:
-    is_its = any(module.principal == connection.principal for module in record.keeping.by)
-    return is_its or _may_one_of(connection, (TAP, KILL), record.message.name)
+    is_own = any(module.principal == connection.principal for module in record.keeping.by)
+    return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
 
 
 def _constrain(
@@ -183,13 +183,13 @@ def _attach(central: State, connection: Connection, header: headers.Attach) -> N
 
 def _remove(central: State, connection: Connection, header: headers.Remove) -> None:
     if (attached := central.attached.get(header.id)) is not None:
-        is_its = _holds(central, connection, attached.holders.values())
+        is_own = _holds(central, connection, attached.holders.values())
     elif (tap := central.taps.get(header.id)) is not None:
-        is_its = not header.for_all or _holds(central, connection, tap.holders.values())
+        is_own = not header.for_all or _holds(central, connection, tap.holders.values())
     else:
         task = central.tree.tasks.get(header.id)
-        is_its = task is None or _is_own(connection, task)
-    if not is_its:
+        is_own = task is None or _is_own(connection, task)
+    if not is_own:
         _need(connection, ADMINISTER, "detach")
 
 
@@ -213,7 +213,7 @@ def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
         _need(connection, TAP, header.of)
 
 
-def _look(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
+def _view(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
     if header.task:
         _see(central, connection, header.task)
     elif isinstance(header, Observe) and header.message and not header.below:
@@ -286,9 +286,9 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Resolve: None,
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
-    headers.Inspect: _look,
+    headers.Inspect: _view,
     ChangeState: _controls("change the state of", lambda header: header.task),
-    Observe: _look,
+    Observe: _view,
     headers.Tap: _tap,
     headers.Fire: _fire,
     headers.EndMonitor: _controls("end", lambda header: header.monitor),

@@ -16,7 +16,7 @@ from tca_wire.packets import headers
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
-MOST_KEPT = 10_000
+MOST_RETAINED = 10_000
 """Tasks that all modules together may retain, living ones included."""
 
 
@@ -39,8 +39,8 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
 
 def check_room(central: State) -> None:
     """Raise RequestError if no more tasks can be retained."""
-    if central.memory.promises >= MOST_KEPT:
-        text = f"{MOST_KEPT:,} tasks are kept already: release some first"
+    if central.memory.promises >= MOST_RETAINED:
+        text = f"{MOST_RETAINED:,} tasks are kept already: release some first"
         raise RequestError(Refusal.OVERLOAD, text)
 
 

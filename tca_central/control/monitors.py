@@ -72,7 +72,7 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
 
 def start(central: State, task: Task) -> None:
     """Start to watch: the monitor's turn has come."""
-    watch = _watch(task)
+    watch = _watch_of(task)
     if task.returned:  # it was ended before it started
         central.agenda.mark_started(task)
         return
@@ -86,7 +86,7 @@ def start(central: State, task: Task) -> None:
     options, message_class = watch.options, task.message.message_class
     if options.duration:
         watch.timers[Due.WATCHED] = central.clock.after(options.duration, Due.WATCHED, watch)
-    if options.until is not None and not _wait_until(central, watch, options.until):
+    if options.until is not None and not _register_end_point(central, watch, options.until):
         return
     if not message_class.has_condition:
         if (set_up := watch.parts[_FIRST]) is not None:
@@ -97,12 +97,12 @@ def start(central: State, task: Task) -> None:
         _test(central, watch)
 
 
-def _watch(task: Task) -> Watch:
+def _watch_of(task: Task) -> Watch:
     assert task.watch is not None
     return task.watch
 
 
-def _wait_until(central: State, watch: Watch, until: Point) -> bool:
+def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
     """Register the monitor's end point. Return False if that is reached, which ends the monitor."""
     at = central.tree.tasks.get(until.task)
     if at is None or at.reached & int(until.moment):
@@ -151,7 +151,7 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
 
 def go_on(central: State, task: Task) -> None:
     """A monitor is resumed: it tests now if it was fired while suspended."""
-    watch = _watch(task)
+    watch = _watch_of(task)
     if watch.is_on and watch.condition is None:
         _test_as_fired(central, watch)
 
@@ -229,7 +229,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
     if header.message:
         watches = _watches_of(central, header.message)
     else:
-        watch = _of_request(central, header.monitor)
+        watch = _requested_watch(central, header.monitor)
         watches = [watch] if watch is not None else []
     for watch in watches:
         _check_fire(watch, header.action, body)
@@ -283,12 +283,12 @@ def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
         raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
 
 
-def _of_request(central: State, task_id: TaskId) -> Watch | None:
+def _requested_watch(central: State, task_id: TaskId) -> Watch | None:
     """The watch of a monitor; None if it has ended. Raises RequestError for other tasks."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
         raise RequestError(Refusal.PROTOCOL, f"{task} is not a monitor")
-    return _watch(task) if task is not None else None
+    return _watch_of(task) if task is not None else None
 
 
 # --- the end --------------------------------------------------------------------------------------
@@ -298,7 +298,7 @@ def on_end_monitor(
     central: State, connection: Connection, header: headers.EndMonitor, _: bytes
 ) -> None:
     """A module ends a monitor, even one that does not watch yet."""
-    watch = _of_request(central, header.monitor)
+    watch = _requested_watch(central, header.monitor)
     if watch is None or watch.is_over:
         central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
         return
@@ -318,4 +318,4 @@ def end_watchers(central: State, task: Task) -> None:
         if is_to_begin and (child.held or child.suspended):
             kill(central, child, Verdict(_ALL_ELSE))
         else:
-            end_monitor(central, _watch(child), _ALL_ELSE)
+            end_monitor(central, _watch_of(child), _ALL_ELSE)

@@ -29,7 +29,7 @@ def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, 
     """Revoke a claim. If its handler has returned, raise `failure` on the task."""
     revoke(central, claim, why, text)
     if (task := keeper_of(claim)) is not None:
-        _warn(
+        _raise_loss(
             central,
             task,
             RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"),
@@ -39,7 +39,7 @@ def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
     """Fail a task whose handler returned without noticing that it had lost the task's lock."""
     if text := pop_losses(slot, task):
-        _warn(central, task, RaisedFailure(LOCK_LOST, text))
+        _raise_loss(central, task, RaisedFailure(LOCK_LOST, text))
 
 
 def keeper_of(claim: ModuleClaim) -> Task | None:
@@ -50,7 +50,7 @@ def keeper_of(claim: ModuleClaim) -> Task | None:
     return holder if isinstance(holder, Task) and holder.slot is None else None
 
 
-def _warn(central: State, task: Task, failure: RaisedFailure) -> None:
+def _raise_loss(central: State, task: Task, failure: RaisedFailure) -> None:
     knows = task.failure is not None and not task.is_dealt_with
     if not (knows or task.retrying or task.killed):
         raise_failure(central, task, failure)

@@ -30,7 +30,7 @@ MOST_PENDING = 1000
 LONGEST_PLANNED = 200
 """Characters of the reason of a planned kill."""
 
-MOST_FAREWELLS = 100
+MOST_TERMINATION_MESSAGES = 100
 """Messages to send on the termination of one task."""
 
 
@@ -69,14 +69,14 @@ class PendingKill(Stored):
         """The point is reached: kill at once, or after the delay."""
         if not self.delay:
             self.carry_out(central)
-        elif self._is_there(central):
+        elif self._is_alive(central):
             Plans.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def carry_out(self, central: State) -> None:
         """Kill the tasks in scope."""
         if self.task.plans is not None:
             self.task.plans.pending.pop(self, None)
-        if self._is_there(central):
+        if self._is_alive(central):
             for task in [self.task] if self.scope is Scope.TASK else self._relatives():
                 kill(central, task, self.verdict)
 
@@ -90,7 +90,7 @@ class PendingKill(Stored):
             if child is not self.task and not child.role.survives
         ]
 
-    def _is_there(self, central: State) -> bool:
+    def _is_alive(self, central: State) -> bool:
         """Whether the task still lives. The event that reached the point may have ended it."""
         return self.task.id == ROOT or self.task.id in central.tree.tasks
 
@@ -118,7 +118,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         task,
         header.scope,
         header.delay,
-        Verdict(_why(header), connection.module.name, central.origin),
+        Verdict(_reason(header), connection.module.name, central.origin),
     )
     at = central.tree.task(header.after.task) if header.after is not None else None
     if (
@@ -126,17 +126,17 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         and at is not None
         and not at.reached & checked_moment(header.after)
     ):
-        _plan(central, pending, header.after)
+        _record_plan(central, pending, header.after)
         Plans.of(task).pending[pending] = at
         central.agenda.wait(at, checked_moment(header.after), pending)
     else:
         if header.delay:
-            _plan(central, pending, None)
+            _record_plan(central, pending, None)
         pending.go_on(central)
     central.accept(connection, header.number, header.task)
 
 
-def _why(header: headers.Kill) -> str:
+def _reason(header: headers.Kill) -> str:
     """The reason, shortened more if central must store it: the budget does not count planned
     kills.
     """
@@ -147,7 +147,7 @@ def _why(header: headers.Kill) -> str:
     )
 
 
-def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
+def _record_plan(central: State, kill: PendingKill, after: Point | None) -> None:
     _check_pending(central, kill.task)
     task, (why, by, *_) = kill.task.id, kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
@@ -241,11 +241,9 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
         make_task(central, message, body, task, Role.TERMINATION)
         return
     farewells = Plans.of(task).farewells
-    if len(farewells) >= MOST_FAREWELLS:
-        raise RequestError(
-            Refusal.OVERLOAD,
-            f"{MOST_FAREWELLS} messages are stored for the termination of {task} already",
-        )
+    if len(farewells) >= MOST_TERMINATION_MESSAGES:
+        text = f"{MOST_TERMINATION_MESSAGES} messages are stored for its termination already"
+        raise RequestError(Refusal.OVERLOAD, f"{task}: {text}")
     farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(task.id, message.name, body))

@@ -66,10 +66,10 @@ def attach(
     """
     check_attachments(central, [wanted])
     others = Recovery.of(place).attached if isinstance(place, Task) else place.attached
-    same = (wanted.failure, wanted.handler, by.called)
-    before = next((one for one in others if (one.failure, one.handler.name, one.by) == same), None)
-    if before is not None:
-        _remove(central, before, by.called)
+    key = (wanted.failure, wanted.handler, by.called)
+    earlier = next((one for one in others if (one.failure, one.handler.name, one.by) == key), None)
+    if earlier is not None:
+        _remove(central, earlier, by.called)
     else:
         central.check_declared(ATTACHED_BYTES)
     if len(others) >= MOST_ATTACHED:
@@ -80,7 +80,7 @@ def attach(
     attached = AttachedHandler(
         central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called
     )
-    copies = before.holders.values() if before is not None else ()
+    copies = earlier.holders.values() if earlier is not None else ()
     attached.holders = {
         one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules
     }

@@ -119,14 +119,14 @@ def _continue_search(central: State, handler: Task | None) -> None:
         if failing.killed:
             return
         is_deciding = recovery.handler is handler
-        following = _call_handler(
+        next_handler = _call_handler(
             central, failing, trouble.failure, trouble, is_beside=not is_deciding
         )
         if is_deciding:
-            recovery.handler = following
-            if following is None:
+            recovery.handler = next_handler
+            if next_handler is None:
                 central.agenda.mark_returned(failing)
-        handler = _unhandled(central, failing, trouble.failure) if following is None else None
+        handler = _unhandled(central, failing, trouble.failure) if next_handler is None else None
 
 
 def _call_handler(
@@ -241,9 +241,9 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
         _end_top_level(central, task, failure, verdict)
         return None
     trouble = trouble_of(undecided)
-    was_open = _void_decision(undecided)
+    was_undecided = _void_decision(undecided)
     kill(central, undecided, verdict)
-    if not was_open:
+    if not was_undecided:
         return None
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
@@ -309,8 +309,8 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
 def _void_decision(handler: Task) -> bool:
     """Void an exception handler's decision. Return whether the failure was undecided until now."""
     trouble = trouble_of(handler)
-    was_open, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
-    return was_open
+    was_undecided, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
+    return was_undecided
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
@@ -380,7 +380,7 @@ def handler_ended(central: State, handler: Task) -> None:
         if trouble.decision is Decision.DEALT_WITH:
             _recover(central, failing, handler)
         elif trouble.decision is Decision.NONE:
-            _leave_open(central, failing, handler)
+            _continue_unresolved(central, failing, handler)
     central.agenda.hear(failing)
 
 
@@ -393,7 +393,7 @@ def _recover(central: State, failing: Task, handler: Task) -> None:
         central.agenda.mark_returned(failing)
 
 
-def _leave_open(central: State, failing: Task, handler: Task) -> None:
+def _continue_unresolved(central: State, failing: Task, handler: Task) -> None:
     """Continue the search, and add to the failure's text why the handler has changed nothing."""
     central.facts.append(facts.NotResolved(handler.id, failing.id))
     trouble = trouble_of(handler)
@@ -439,10 +439,12 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     retried task.
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
-    guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]
+    foreign_monitors = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
     starts += [
-        place for guest in guests for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)
+        place
+        for guest in foreign_monitors
+        for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)
     ]
     awaited = {
         child
@@ -474,7 +476,7 @@ def _forget_failures(task: Task) -> None:
             trouble_of(child).decision = Decision.VOID
 
 
-def _clear(central: State, task: Task, verdict: Verdict) -> None:
+def _kill_descendants(central: State, task: Task, verdict: Verdict) -> None:
     """Kill the tasks under a retried task, except foreign monitors."""
     for child in list((task.children or {}).values()):
         if not (child.role.survives or child.is_guest):
@@ -498,7 +500,8 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     central.accept(connection, header.number, task.id)
 
 
-def _unless_void(trouble: FailureContext, decision: Decision) -> None:
+def _set_decision(trouble: FailureContext, decision: Decision) -> None:
+    """Set an exception handler's decision, unless the decision is void."""
     if trouble.decision is not Decision.VOID:
         trouble.decision = decision
 
@@ -516,12 +519,12 @@ def retry_task(
     central.tree.set_failure(task, None)
     central.facts.append(facts.Retried(task.id, data or b"", by))
     if task.role is Role.EXCEPTION:
-        _unless_void(trouble_of(task), Decision.NONE)
+        _set_decision(trouble_of(task), Decision.NONE)
     if asking is not None:
-        _unless_void(trouble_of(asking), Decision.DEALT_WITH)
+        _set_decision(trouble_of(asking), Decision.DEALT_WITH)
     _forget_failures(task)
     if has_begun:
-        _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
+        _kill_descendants(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in Recovery.of(task).askers:
             Recovery.of(task).askers[asking] = None
             trouble_of(asking).retried.append(task)

@@ -1,7 +1,7 @@
 """Applies a handler's wishes for tasks that find it busy: queue, reject or pre-empt."""
 
 from tca_central.failing.failures import fail_task, kill
-from tca_central.life_cycles.changes import asked_for
+from tca_central.life_cycles.changes import apply_client_request
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import ModuleResource
 from tca_central.model.tasks import Task, Verdict
@@ -68,4 +68,4 @@ def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
     if step is None:
         kill(central, running, Verdict(why, by))
     else:
-        asked_for(central, running, step, by, why)
+        apply_client_request(central, running, step, by, why)

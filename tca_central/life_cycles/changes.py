@@ -109,11 +109,11 @@ def _change_by_client(
             raise RequestError(
                 Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already"
             )
-    asked_for(central, task, step, connection.module.name, header.text, body)
+    apply_client_request(central, task, step, connection.module.name, header.text, body)
     central.accept(connection, header.number, task.serial)
 
 
-def asked_for(
+def apply_client_request(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b""
 ) -> None:
     """Apply a client's request: the handler decides, or central for it."""
@@ -124,11 +124,11 @@ def asked_for(
             Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
         )
     source = task.state
-    _take(central, task, step, Party.CLIENT, module, text, body)
+    _apply_step(central, task, step, Party.CLIENT, module, text, body)
     asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
     central.tree.ask(task, asked)
     if is_told:
-        _tell_handler(central, task, asked)
+        _notify_handler(central, task, asked)
     else:
         _decide(central, task, step, asked, central.origin)
 
@@ -154,7 +154,7 @@ def _is_awaited(task: Task, source: str, name: str) -> bool:
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
 
 
-def _tell_handler(central: State, task: Task, asked: ClientRequest) -> None:
+def _notify_handler(central: State, task: Task, asked: ClientRequest) -> None:
     assert task.slot is not None
     header = Requested(task.given_as, asked.name, asked.serial, asked.text)
     central.tell(task.slot, header, asked.body)
@@ -164,26 +164,26 @@ def tell_again(central: State, task: Task) -> None:
     """Send a handler the clients' requests again, since it may have missed them."""
     for asked in task.clients.asked if task.clients is not None else ():
         if asked.is_told:
-            _tell_handler(central, task, asked)
+            _notify_handler(central, task, asked)
 
 
 def _decide(
     central: State, task: Task, step: Transition, asked: ClientRequest, origin: int
 ) -> None:
     """Apply the default, since no handler decides."""
-    if why := _why_refused(central, task, step, asked.source):
+    if why := _refusal_reason(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.forget_asked(task)
         if refusal is not None:
-            _take(central, task, refusal, Party.CENTRAL, "", why)
+            _apply_step(central, task, refusal, Party.CENTRAL, "", why)
     elif step.effect is Effect.NEW_GOAL:
-        _take_goal(central, task, asked.body)
+        _accept_goal(central, task, asked.body)
         retry_task(central, task, asked.body, asked.module)
     elif task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by([asked], asked.module)._replace(origin=origin))
 
 
-def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
+def _refusal_reason(central: State, task: Task, step: Transition, source: str) -> str:
     """The reason why central refuses a request for the task's handler; "" if it grants the
     request.
     """
@@ -208,13 +208,13 @@ def _why_refused(central: State, task: Task, step: Transition, source: str) -> s
     return "" if is_known else f"the handler of '{task.message.name}' knows no '{step.name}'"
 
 
-def _take_goal(central: State, task: Task, goal: bytes) -> None:
+def _accept_goal(central: State, task: Task, goal: bytes) -> None:
     """Replace the task's goal, and grant the update if the life cycle has a transition for that."""
     central.tree.forget_asked(task)
     _set_goal(central, task, goal)
     grant = task.message.life_cycle.grant(task.state)
     if grant is not None:
-        _take(central, task, grant, Party.CENTRAL, "", "it starts again with the new goal")
+        _apply_step(central, task, grant, Party.CENTRAL, "", "it starts again with the new goal")
 
 
 # --- the server's ---------------------------------------------------------------------------------
@@ -266,7 +266,7 @@ def _apply(
             task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name)
         )
         central.tree.set_progress(task, body)
-        _take(central, task, step, Party.SERVER, module, text, body)
+        _apply_step(central, task, step, Party.SERVER, module, text, body)
         return
     asked = central.tree.forget_asked(task)
     if step.effect is Effect.TAKE_GOAL:
@@ -277,7 +277,7 @@ def _apply(
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return
-    _take(central, task, step, Party.SERVER, module, text, body)
+    _apply_step(central, task, step, Party.SERVER, module, text, body)
 
 
 def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
@@ -289,7 +289,7 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
         central.facts.append(facts.Ignored(asked.module, _too_late(task, asked.name)))
     else:
         source = task.state
-        _take(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
+        _apply_step(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
         central.tree.ask(task, asked._replace(source=source))
 
 
@@ -307,7 +307,7 @@ def _set_goal(central: State, task: Task, goal: bytes) -> None:
 # --- both -----------------------------------------------------------------------------------------
 
 
-def _take(
+def _apply_step(
     central: State,
     task: Task,
     step: Transition,

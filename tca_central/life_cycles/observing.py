@@ -32,7 +32,7 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     observation = Observation(connection, header)
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
-        _tell_end(central, connection, header)
+        _answer_ended(central, connection, header)
         return
     # There will be no task under one that has ended.
     if header.below and central.tree.task(header.below) is None:
@@ -43,7 +43,7 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     connection.outstanding[header.number] = observation
     central.observers.add(observation)
     for task in late:
-        central.tell_observer(observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
+        central.tell_observer(observation, msgspec.msgpack.encode(_current_state(task)), task.state)
     observation.told += 1
     central.tell(connection, Answer(header.number, more=True))
 
@@ -77,7 +77,7 @@ def _living(central: State, observation: Observation) -> list[Task]:
     raise RequestError(Refusal.OVERLOAD, text)
 
 
-def _tell_end(central: State, connection: Connection, header: Observe) -> None:
+def _answer_ended(central: State, connection: Connection, header: Observe) -> None:
     """Answer the observer of a task that has ended with its outcome."""
     result, failure, text, body = central.memory.known_outcome(header.task)
     kept = central.memory.kept.get(header.task)
@@ -91,7 +91,7 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
         cycle.done if result.lets_go_on else cycle.cancelled,
         "",
         Party.SERVER,
-        text=_why(failure, text),
+        text=_failure_text(failure, text),
         goal=goal,
         data=body,
         is_late=True,
@@ -102,11 +102,11 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     central.send(connection, header.number, Answer(header.number))
 
 
-def _why(failure: str, text: str) -> str:
+def _failure_text(failure: str, text: str) -> str:
     return f"{failure}: {text}" if failure and text else failure or text
 
 
-def _as_it_stands(task: Task) -> StateChange:
+def _current_state(task: Task) -> StateChange:
     progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
         TaskId(int(task.id)),
@@ -130,4 +130,6 @@ def tell_end(central: State, task: Task) -> None:
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
-    central.tell_observers(task, transition, by, "", _why(failure, text), body, outcome=outcome)
+    central.tell_observers(
+        task, transition, by, "", _failure_text(failure, text), body, outcome=outcome
+    )

@@ -170,11 +170,11 @@ def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
     """
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
-        _note_loss(claim.slot, claim, text)
+        _record_loss(claim.slot, claim, text)
         central.tell(claim.slot, headers.Taken(claim.number, text))
 
 
-def _note_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
+def _record_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
     delivery = claim.holder.given_as if claim.holder is not None else 0
     slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.lost_claims) > MOST_CLAIMS:
@@ -204,7 +204,7 @@ def end_claims_of_connection(central: State, connection: Connection) -> None:
     """End the claims of a closed connection."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
         if claim.is_granted:
-            _note_loss(connection, claim, "the connection to central was lost")
+            _record_loss(connection, claim, "the connection to central was lost")
         _end(central, claim, f"module '{connection.module.name}' left")
 
 
@@ -233,8 +233,8 @@ def _end(central: State, claim: ModuleClaim, why: str) -> None:
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
     holder = claim.holder
-    if holder is not None and (mine := central.claimed_for.get(holder)) is not None:
-        mine.remove(claim)
-        if not mine:
+    if holder is not None and (claims := central.claimed_for.get(holder)) is not None:
+        claims.remove(claim)
+        if not claims:
             del central.claimed_for[holder]
     central.facts.append(facts.ClaimEnded(claim.id, why))

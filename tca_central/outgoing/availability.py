@@ -49,44 +49,44 @@ def on_wait_until_handled(
     # Brief, so no deadlock: another module may still join.
     central.block(connection, header.number, header.origin, brief=True)
     if wait.promised:
-        _warn_of_circle(central, wait)
+        _warn_of_cycle(central, wait)
 
 
-def _warn_of_circle(central: State, newest: PresenceWait) -> None:
+def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
     """Warn modules that wait for each other. The waits stay, since another module may still
     join.
     """
-    left = {
+    remaining = {
         wait: None for message in central.registry.messages.values() for wait in message.awaited_by
     }
     promisers: dict[str, list[PresenceWait]] = {}
-    for wait in left:
+    for wait in remaining:
         for name in wait.promised:
             promisers.setdefault(name, []).append(wait)
     # Narrow the waits down to those whose messages only other modules with such waits will handle.
     while len(
-        stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}
-    ) < len(left):
-        left = dict.fromkeys(stuck)
-    circle: dict[PresenceWait, str] = {}
-    while newest in stuck and newest not in circle:
+        stuck := {wait: by for wait in remaining if (by := _promise(wait, promisers, remaining))}
+    ) < len(remaining):
+        remaining = dict.fromkeys(stuck)
+    cycle: dict[PresenceWait, str] = {}
+    while newest in stuck and newest not in cycle:
         message, following = stuck[newest]
         module, other = newest.connection.module.name, following.connection.module.name
-        circle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
+        cycle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
         newest = following
-    needs = "; ".join(circle.values())
+    needs = "; ".join(cycle.values())
     text = f"modules require each other: {needs}: none of them starts, unless another module joins"
-    for wait in circle:
+    for wait in cycle:
         central.tell(wait.connection, Answer(wait.number, text=text, more=True))
 
 
-def _held_by(
-    wait: PresenceWait, promisers: dict[str, list[PresenceWait]], among: Iterable[PresenceWait]
+def _promise(
+    wait: PresenceWait, promisers: dict[str, list[PresenceWait]], waits: Iterable[PresenceWait]
 ) -> tuple[str, PresenceWait] | None:
     """A message of a wait and the wait that promises it, if only waits in `among` promise it."""
     for message in wait.messages:
         others = promisers.get(message.name, ())
-        if others and not message.serving and all(other in among for other in others):
+        if others and not message.serving and all(other in waits for other in others):
             return message.name, others[0]
     return None
 

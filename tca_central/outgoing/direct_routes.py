@@ -95,7 +95,7 @@ def review(central: State, messages: Iterable[MessageType]) -> None:
         if (route := route_of(message)) != message.route:
             message.route = route
             for connection in list(message.senders_told):
-                _say_route(central, connection, message)
+                _send_route(central, connection, message)
 
 
 def review_slots(central: State, slot: Connection) -> None:
@@ -116,10 +116,10 @@ def tell_sender(central: State, connection: Connection, message: MessageType) ->
     if connection not in message.senders_told:
         message.senders_told[connection] = None
         connection.routes[message] = None
-        _say_route(central, connection, message)
+        _send_route(central, connection, message)
 
 
-def _say_route(central: State, connection: Connection, message: MessageType) -> None:
+def _send_route(central: State, connection: Connection, message: MessageType) -> None:
     route = message.route
     if connection.resource is not None and any(
         slot.resource is connection.resource for slot in route
@@ -168,16 +168,16 @@ def _licensed(central: State, connection: Connection, entrance: Entrance) -> Ent
     if not connection.licence:
         connection.licence = permissions.new_licence(connection.principal)
         if len(permissions.licences) > MOST_LICENCES:
-            bar(central, [next(iter(permissions.licences))], anew=False)
-    key = licence(entrance.key, _number(central, connection.licence))
+            bar(central, [next(iter(permissions.licences))], renew=False)
+    key = licence(entrance.key, _licence_name(central, connection.licence))
     return Entrance(entrance.endpoint, key, entrance.curve)
 
 
-def _number(central: State, number: int) -> str:
+def _licence_name(central: State, number: int) -> str:
     return f"{central.epoch}.{number}"
 
 
-def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
+def bar(central: State, numbers: list[int], *, renew: bool = True) -> None:
     """Invalidate licences. Connected senders get new ones for their routes, if `renew`."""
     if not numbers:
         return
@@ -186,18 +186,18 @@ def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
     connections = list(central.registry.connections.values())
     for slot in connections:
         if slot.entrance is not None:
-            central.tell(slot, Barred([_number(central, number) for number in numbers]))
+            central.tell(slot, Barred([_licence_name(central, number) for number in numbers]))
     for sender in connections:
         if sender.licence in barred:
             sender.licence = 0
-            for message in list(sender.routes) if anew else ():
-                _say_route(central, sender, message)
+            for message in list(sender.routes) if renew else ():
+                _send_route(central, sender, message)
 
 
 def tell_barred(central: State, slot: Connection) -> None:
     """Send a slot all invalid licences, since it may have missed some."""
     if slot.entrance is not None and (barred := central.registry.permissions.barred):
-        central.tell(slot, Barred([_number(central, number) for number in barred]))
+        central.tell(slot, Barred([_licence_name(central, number) for number in barred]))
 
 
 def bar_owners(central: State, principals: Iterable[str]) -> None:
@@ -206,7 +206,7 @@ def bar_owners(central: State, principals: Iterable[str]) -> None:
     numbers = [
         number for number, owner in central.registry.permissions.licences.items() if owner in gone
     ]
-    bar(central, numbers, anew=False)
+    bar(central, numbers, renew=False)
 
 
 def review_licences(central: State) -> None:

@@ -292,13 +292,13 @@ def _held(
     stale, since it ends with the task.
     """
     holders, runs = list(holders), central.registry.modules
-    back = ready - {one.called for one in holders if one.run in runs}
+    rejoined = ready - {one.called for one in holders if one.run in runs}
     lasts = place is central.tree.root or isinstance(place, MessageType)
     return {
         "modules": [one.name for one in holders],
-        "gone": [one.name for one in holders if one.run not in runs and one.called not in back],
-        "earlier": [one.name for one in holders if one.called in back],
-        "is_stale": lasts and bool(holders) and all(one.called in back for one in holders),
+        "gone": [one.name for one in holders if one.run not in runs and one.called not in rejoined],
+        "earlier": [one.name for one in holders if one.called in rejoined],
+        "is_stale": lasts and bool(holders) and all(one.called in rejoined for one in holders),
     }
 
 

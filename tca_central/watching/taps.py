@@ -91,13 +91,13 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.holder
     for other in list(place.taps):
-        is_said_anew = (other.condition, other.listener) == (
+        is_replaced = (other.condition, other.listener) == (
             tap.condition,
             listener,
         ) and other is not tap
-        if is_said_anew and connection.module.name in other.holders:
+        if is_replaced and connection.module.name in other.holders:
             remove(central, other, connection.module)  # replaced: it has other watch options
-    _ask_waiting(central, tap)
+    _apply_to_waiting(central, tap)
     if is_due and isinstance(place, Task) and not tap.has_fired:
         _fire(central, tap, place, place.body)
     central.accept(connection, header.number, tap.id)
@@ -150,9 +150,9 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
             Refusal.PROTOCOL,
             f"{text}; use a goal as listener, or note that {_PLANNED_BY[condition]}",
         )
-    heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
+    data = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = (
-        first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+        first_difference(listener.format.data, data) if listener.format.data != NO_DATA else ""
     )
     if difference:
         text = f"listener '{listener.name}' needs other data than '{tapped.name}' has: {difference}"
@@ -331,26 +331,26 @@ def forget_task(central: State, task: Task) -> None:
 # --- waiting messages -----------------------------------------------------------------------------
 
 
-def _ask_waiting(central: State, tap: Wiretap) -> None:
+def _apply_to_waiting(central: State, tap: Wiretap) -> None:
     """Apply a new wiretap to tasks that wait for a handler."""
     for task in _waiting(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue
         if tap.is_heard:
-            _hold_back(central, task)
+            _requeue(central, task)
         else:
             fire_before(central, task, [tap])
 
 
 def listeners_come(central: State, names: Iterable[str]) -> None:
     """Apply taps whose listeners get their first handler now to tasks that wait."""
-    coming = [central.registry.messages[name] for name in names]
-    new = {message for message in coming if not message.handlers}
+    added = [central.registry.messages[name] for name in names]
+    new = {message for message in added if not message.handlers}
     for tap in central.taps.values() if new else ():
         if tap.listener in new:
             for task in _waiting(central, tap):
                 if task.tapping is not None and task.tapping.fired.get(tap.id) is False:
-                    _hold_back(central, task)
+                    _requeue(central, task)
 
 
 def _waiting(central: State, tap: Wiretap) -> list[Task]:
@@ -365,7 +365,7 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
     return [one for one in central.dispatcher.queued(place) if isinstance(one, Task)]
 
 
-def _hold_back(central: State, task: Task) -> None:
+def _requeue(central: State, task: Task) -> None:
     """Reconsider a task that waits for a handler; it keeps its place in the queue."""
     central.dispatcher.withdraw(task, keep_place=True)
     central.agenda.request_again(task)
@@ -409,7 +409,7 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
 def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delivery | None:
     """Send the listener of a tap, if it has a handler. Return the listener."""
     message, body = tap.listener, data_for(tap.listener, body)
-    if not tap.is_heard or _is_kept_out(central, tap, tapped, body):
+    if not tap.is_heard or _is_refused(central, tap, tapped, body):
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
     made: Delivery
@@ -423,7 +423,7 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
     return made
 
 
-def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
+def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
     """Whether a listener is refused: memory is full, or its chain of taps too long. Journal
     that.
     """
@@ -454,7 +454,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     options = tap.watch or WatchOptions()
     is_bounded = ends_by_itself(message, options) or options.waited_for
     if task is not None and rule.lasts_until:
-        _end_those_before(central, tap, task)
+        _end_earlier_monitors(central, tap, task)
     if task is not None and watches_it and ((rule.lasts_until and not is_bounded) or not is_alive):
         options = replace(options, until=Point(task.id, Moment(rule.lasts_until or END_ACHIEVING)))
 
@@ -481,7 +481,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     return listener
 
 
-def _end_those_before(central: State, tap: Wiretap, tapped: Task) -> None:
+def _end_earlier_monitors(central: State, tap: Wiretap, tapped: Task) -> None:
     """A task is handled again: end the monitors that a wiretap has sent for it before."""
     tapping = Tapping.of(tapped)
     tapping.listeners = living = [

@@ -230,7 +230,7 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(
 def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(keeping, "MOST_KEPT", 3)
+    monkeypatch.setattr(keeping, "MOST_RETAINED", 3)
     player = Player.of("legs: command move", "user")
     for _ in range(3):
         player.task("user", "move", keep=True)
@@ -365,8 +365,8 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
         request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
     "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
         request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
-    "farewells": (steering, "MOST_FAREWELLS", lambda request, task: headers.Send(
-        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for the termination of"),
+    "farewells": (steering, "MOST_TERMINATION_MESSAGES", lambda request, task: headers.Send(
+        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for its termination"),
 }  # fmt: skip
 
 
