@@ -95,11 +95,11 @@ def _drop(central: State, record: KeptTask) -> None:
     record.siblings.pop(record.id)
     forgotten = [record]
     while forgotten:
-        one = forgotten.pop()
-        forgotten.extend(one.keeping.records.values())
-        del central.memory.kept[one.id]
-        central.memory.kept_bytes -= one.size
-        for module in one.keeping.by:
-            del module.keeps[one.id]
+        dropped = forgotten.pop()
+        forgotten.extend(dropped.keeping.records.values())
+        del central.memory.kept[dropped.id]
+        central.memory.kept_bytes -= dropped.size
+        for module in dropped.keeping.by:
+            del module.keeps[dropped.id]
             central.memory.promises -= 1
-        central.facts.append(facts.Released(one.id, ""))
+        central.facts.append(facts.Released(dropped.id, ""))

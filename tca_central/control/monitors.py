@@ -104,12 +104,12 @@ def _watch_of(task: Task) -> Watch:
 
 def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
     """Register the monitor's end point. Return False if that is reached, which ends the monitor."""
-    at = central.tree.tasks.get(until.task)
-    if at is None or at.reached & int(until.moment):
+    awaited = central.tree.tasks.get(until.task)
+    if awaited is None or awaited.reached & int(until.moment):
         end_monitor(central, watch, "its end point is reached")
         return False
-    watch.waits_for = at
-    central.agenda.wait(at, int(until.moment), watch)
+    watch.waits_for = awaited
+    central.agenda.wait(awaited, int(until.moment), watch)
     return True
 
 

@@ -120,15 +120,15 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         header.delay,
         Verdict(_reason(header), connection.module.name, central.origin),
     )
-    at = central.tree.task(header.after.task) if header.after is not None else None
+    awaited = central.tree.task(header.after.task) if header.after is not None else None
     if (
         header.after is not None
-        and at is not None
-        and not at.reached & checked_moment(header.after)
+        and awaited is not None
+        and not awaited.reached & checked_moment(header.after)
     ):
         _record_plan(central, pending, header.after)
-        Plans.of(task).pending[pending] = at
-        central.agenda.wait(at, checked_moment(header.after), pending)
+        Plans.of(task).pending[pending] = awaited
+        central.agenda.wait(awaited, checked_moment(header.after), pending)
     else:
         if header.delay:
             _record_plan(central, pending, None)

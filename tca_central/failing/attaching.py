@@ -98,7 +98,7 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
 
     An operator may remove those of any module (`for_all`), and end monitors.
     """
-    module, gone = connection.module, header.id
+    module, removed = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached, module.name)
     elif (tap := central.taps.get(header.id)) is not None:
@@ -106,8 +106,8 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     elif not (header.for_all and _end_monitor_by_id(central, header.id, module.name)):
-        gone = 0
-    central.accept(connection, header.number, gone)
+        removed = 0
+    central.accept(connection, header.number, removed)
 
 
 def _end_monitor_by_id(central: State, number: int, by: str) -> bool:

@@ -264,8 +264,8 @@ def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedF
     """The failure, whose first line also says which exception handler left it undecided."""
     line, newline, rest = first.text.partition(NEWLINE)
     line = shortened(line, Limit.TEXT // 2)
-    told = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
-    return first._replace(text=shortened(f"{told}{newline}{rest}"))
+    summary = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
+    return first._replace(text=shortened(f"{summary}{newline}{rest}"))
 
 
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
@@ -287,23 +287,23 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
     returns.
     """
     killed = central.agenda.kill(task, verdict)
-    new = {one.id for one in killed}
-    for one in killed:
-        fire_after(central, one, KILLED)
-        if one.slot is not None:
-            central.cancel(one.slot, one)
-        if one.suspended:
-            one.suspended = False
-            central.tree.suspended.pop(one.id, None)
-            for child in list((one.children or {}).values()):
+    new = {victim.id for victim in killed}
+    for victim in killed:
+        fire_after(central, victim, KILLED)
+        if victim.slot is not None:
+            central.cancel(victim.slot, victim)
+        if victim.suspended:
+            victim.suspended = False
+            central.tree.suspended.pop(victim.id, None)
+            for child in list((victim.children or {}).values()):
                 # The child survives the kill, or was killed before with a surviving descendant.
                 if child.suspended and child.id not in new:
                     suspend(central, child, resume=True)
         if central.claimed_for:
-            claims.end_claims_of_killed(central, one)
-        _after_kill(central, one, verdict)
-        if one.role is Role.EXCEPTION and _void_decision(one):
-            _continue_search(central, one)
+            claims.end_claims_of_killed(central, victim)
+        _after_kill(central, victim, verdict)
+        if victim.role is Role.EXCEPTION and _void_decision(victim):
+            _continue_search(central, victim)
 
 
 def _void_decision(handler: Task) -> bool:
@@ -453,9 +453,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     }
     if asking is not None:
         awaited.add(asking)
-    for one in sorted(awaited, key=lambda one: one.id):
+    for awaited_task in sorted(awaited, key=lambda child: child.id):
         for start in starts:
-            if path := find_path(central.tree, start, Place(one, END_ACHIEVING)):
+            if path := find_path(central.tree, start, Place(awaited_task, END_ACHIEVING)):
                 waits = next(place.task for place in path if place.task is not start.task)
                 text = (
                     f"{task} can't be retried: {waits} under it must end before, "

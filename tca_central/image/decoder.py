@@ -68,11 +68,11 @@ def _shape_of(table: ClassTable) -> Shape:
         )
     if tuple(table.fields) == shape.fields:
         return shape
-    gone, new = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)
-    changes = [f"{name} has no {field} any more" for field in sorted(gone)]
-    changes += [f"{name} now has {field}" for field in sorted(new)]
-    what = ", ".join(changes) or f"{name} has its attributes in another order"
-    raise ImageError(f"the image is of another version: {what}: {_ADVICE}")
+    removed, added = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)
+    changes = [f"{name} has no {field} any more" for field in sorted(removed)]
+    changes += [f"{name} now has {field}" for field in sorted(added)]
+    difference = ", ".join(changes) or f"{name} has its attributes in another order"
+    raise ImageError(f"the image is of another version: {difference}: {_ADVICE}")
 
 
 def _values(column: Column, count: int, things: list[Any]) -> list[Any]:

@@ -97,19 +97,19 @@ class _Encoding:
     def discover(self, values: list[Any]) -> None:
         """Add the new objects among these values to their groups."""
         group_of, groups = self._group_of, self._groups
-        for one in values:
-            if one is not None and id(one) not in group_of and type(one) not in PLAIN:
-                group_of[id(one)] = group = groups.get(group_key(one)) or self._new_group(one)
-                group.things.append(one)
+        for thing in values:
+            if thing is not None and id(thing) not in group_of and type(thing) not in PLAIN:
+                group_of[id(thing)] = group = groups.get(group_key(thing)) or self._new_group(thing)
+                group.things.append(thing)
 
-    def _new_group(self, one: object) -> _Group:
-        shape = shape_of(one)
+    def _new_group(self, thing: object) -> _Group:
+        shape = shape_of(thing)
         if shape is None:
-            kind = type(one).__qualname__
+            kind = type(thing).__qualname__
             raise ImageError(
-                f"{self._path_to(one)} is a {kind}, no class of the state: see model/stored.py"
+                f"{self._path_to(thing)} is a {kind}, no class of the state: see model/stored.py"
             )
-        self._groups[group_key(one)] = group = _Group(shape, len(self._groups))
+        self._groups[group_key(thing)] = group = _Group(shape, len(self._groups))
         return group
 
     def expand(self) -> None:
@@ -157,13 +157,13 @@ class _Encoding:
         for column in columns:
             if column.kinds.isdisjoint(_TO_NUMBER):
                 continue
-            for one in column.values:
-                if type(one) in _TO_NUMBER and id(one) not in numbers:
-                    key = type(one), repr(one) if type(one) is float else one
+            for value in column.values:
+                if type(value) in _TO_NUMBER and id(value) not in numbers:
+                    key = type(value), repr(value) if type(value) is float else value
                     if key not in known:
                         known[key] = len(self._plain)
-                        self._plain.append(one)
-                    numbers[id(one)] = known[key]
+                        self._plain.append(value)
+                    numbers[id(value)] = known[key]
 
     def _values_in_order(self) -> list[_Group]:
         """The groups of values, each after the groups of values that it contains."""

@@ -226,11 +226,11 @@ def _change_by_server(
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
     asked = task.clients.asked if task.clients is not None else []
-    unseen = [one for one in asked if one.serial > seen]
+    unseen = [request for request in asked if request.serial > seen]
     step, overtaken = cycle.step(task.state, name, Party.SERVER), False
     if unseen and (step is None or step.effect is not Effect.RESULT):
-        before = cycle.step(unseen[0].source, name, Party.SERVER)
-        step, overtaken = (before, True) if before is not None else (step, False)
+        earlier_step = cycle.step(unseen[0].source, name, Party.SERVER)
+        step, overtaken = (earlier_step, True) if earlier_step is not None else (step, False)
     if step is None:
         _refuse(task, name, Party.SERVER)
         if task.clients is not None and seen < task.clients.newest:  # a client was first
@@ -247,8 +247,8 @@ def _change_by_server(
     _apply(central, task, step, connection.module.name, header.text, body, seen)
     if overtaken:
         central.tree.forget_asked(task, unseen.__contains__)
-        for one in unseen:
-            _apply_again(central, task, one)
+        for request in unseen:
+            _apply_again(central, task, request)
     _answer(central, connection, header, task.serial)
 
 

@@ -140,13 +140,13 @@ def make_delivery(
     context: Context | None = None,
 ) -> Delivery:
     """Make and record a message that is no task, without routing it yet."""
-    made = Delivery(central.new_id(), message, body, None)
-    made.role, made.context = role, context
-    made.sent_by = about.sent_by if about is not None else None
-    made.tap_depth = _tap_depth(central, about, role) if about is not None else 0
+    delivery = Delivery(central.new_id(), message, body, None)
+    delivery.role, delivery.context = role, context
+    delivery.sent_by = about.sent_by if about is not None else None
+    delivery.tap_depth = _tap_depth(central, about, role) if about is not None else 0
     number = about.message_id if about is not None else 0
     birth = facts.Received(
-        made.id,
+        delivery.id,
         message.name,
         message.message_class,
         CENTRAL,
@@ -159,7 +159,7 @@ def make_delivery(
         number,
     )
     central.facts.append(birth)
-    return made
+    return delivery
 
 
 def make_statement(
@@ -172,9 +172,9 @@ def make_statement(
     context: Context | None = None,
 ) -> Delivery:
     """Make an inform or broadcast, and route it."""
-    made = make_delivery(central, message, body, role, about=about, context=context)
-    route_statement(central, made)
-    return made
+    delivery = make_delivery(central, message, body, role, about=about, context=context)
+    route_statement(central, delivery)
+    return delivery
 
 
 def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
@@ -225,8 +225,8 @@ def suspend(
         central.facts.append(facts.SuspendedOrResumed(task.id, not resume, by))
         if not resume:
             central.tree.suspended.setdefault(task.id, (central.clock.now, by, at_birth))
-    for one in changed:
+    for member in changed:
         if resume:
-            central.tree.suspended.pop(one.id, None)
-        if one.slot is not None:
-            central.tell(one.slot, Suspended(one.given_as, not resume))
+            central.tree.suspended.pop(member.id, None)
+        if member.slot is not None:
+            central.tell(member.slot, Suspended(member.given_as, not resume))

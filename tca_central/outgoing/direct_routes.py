@@ -202,9 +202,11 @@ def tell_barred(central: State, slot: Connection) -> None:
 
 def bar_owners(central: State, principals: Iterable[str]) -> None:
     """Invalidate the licences of revoked keys. Their connections end next, and get nothing more."""
-    gone = dict.fromkeys(principals)
+    revoked = dict.fromkeys(principals)
     numbers = [
-        number for number, owner in central.registry.permissions.licences.items() if owner in gone
+        number
+        for number, owner in central.registry.permissions.licences.items()
+        if owner in revoked
     ]
     bar(central, numbers, renew=False)
 
@@ -230,12 +232,12 @@ def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) ->
     The routes must have been reviewed before.
     """
     if slot.entrance is not None:
-        gone = EntranceGone(
+        notice = EntranceGone(
             slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost
         )
         for connection in slot.watchers:
             del connection.watches[slot]
-            central.tell(connection, gone)
+            central.tell(connection, notice)
         slot.watchers.clear()
 
 

@@ -27,18 +27,18 @@ def allowed_folder(folder: Path) -> Path:
 
 def make_folder(folder: Path) -> None:
     """Make the folders, readable by their owner only. Raises KeyRefused."""
-    for one in (folder, allowed_folder(folder)):
+    for path in (folder, allowed_folder(folder)):
         try:
-            one.mkdir(parents=True, exist_ok=True, mode=0o700)
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
-            raise KeyRefused(f"can't make {one}: {error.strerror}") from None
-        check_folder(one)
+            raise KeyRefused(f"can't make {path}: {error.strerror}") from None
+        check_folder(path)
 
 
 def check_folder(folder: Path) -> None:
     """Raise KeyRefused if other users may enter the folder."""
-    found = folder.stat()
-    if found.st_uid not in (os.getuid(), 0) or stat.S_IMODE(found.st_mode) & 0o077:
+    status = folder.stat()
+    if status.st_uid not in (os.getuid(), 0) or stat.S_IMODE(status.st_mode) & 0o077:
         raise KeyRefused(f"others may enter {folder}, the folder of keys: chmod 700 it")
 
 
@@ -63,11 +63,11 @@ def own_pair(folder: Path) -> KeyPair:
     make_folder(folder)
     path = folder / CENTRAL
     if not path.exists():
-        made = new_pair()
+        pair = new_pair()
         text = "# Central's own key. Secret: a program that has it can pass for central.\n"
-        write_new(path, f'{text}public = "{made.public}"\nsecret = "{made.secret}"\n')
-    found = read_secret(path, "public", "secret")
-    return KeyPair(found["public"], found["secret"])
+        write_new(path, f'{text}public = "{pair.public}"\nsecret = "{pair.secret}"\n')
+    fields = read_secret(path, "public", "secret")
+    return KeyPair(fields["public"], fields["secret"])
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
@@ -100,12 +100,14 @@ class AllowedKeys:
     def _folder_state(self) -> tuple[tuple[str, int, int, int], ...]:
         """A fingerprint of the files. An unreadable folder is a state, too: no key is allowed."""
         try:
-            with os.scandir(allowed_folder(self._folder)) as found:
-                looks = [(one.name, one.stat()) for one in found]
+            with os.scandir(allowed_folder(self._folder)) as entries:
+                files = [(entry.name, entry.stat()) for entry in entries]
         except OSError:
             return ()
         return tuple(
-            sorted((name, look.st_mtime_ns, look.st_size, look.st_ino) for name, look in looks)
+            sorted(
+                (name, status.st_mtime_ns, status.st_size, status.st_ino) for name, status in files
+            )
         )
 
     def is_known(self, key: str) -> bool:
@@ -121,8 +123,8 @@ class AllowedKeys:
         state = self._folder_state()
         if state == self._seen:
             return [], []
-        before, self._seen = self.names, state
-        self.names = now = names_allowed(self._folder)
-        new = [name for key, name in now.items() if before.get(key) != name]
-        gone = [name for key, name in before.items() if now.get(key) != name]
-        return new, gone
+        old_names, self._seen = self.names, state
+        self.names = new_names = names_allowed(self._folder)
+        added = [name for key, name in new_names.items() if old_names.get(key) != name]
+        removed = [name for key, name in old_names.items() if new_names.get(key) != name]
+        return added, removed

@@ -107,12 +107,12 @@ class Gate:
         else:
             principal = None if _KNOWS_USERS else ""
         if principal is None:
-            who = (
+            owner = (
                 f"of user {fields[1]} (process {fields[3]})"
                 if len(fields) == 4
                 else "of an unknown user"
             )
-            self._warned.warning(peer, "rejected a program %s", who)
+            self._warned.warning(peer, "rejected a program %s", owner)
         if len(self._principals) >= _REMEMBERED:
             self._principals.clear()
         self._principals[peer] = principal
@@ -193,10 +193,10 @@ class KeyGate(Gate):
         yield from super().changes(now, central)
 
     def _refresh_keys(self) -> None:
-        new, gone = self._allowed.refresh()
-        if new or gone:
-            self._changes[0].extend(new)
-            self._changes[1].extend(gone)
+        added, removed = self._allowed.refresh()
+        if added or removed:
+            self._changes[0].extend(added)
+            self._changes[1].extend(removed)
             self._refused.clear()
             self.has_changes = True
 

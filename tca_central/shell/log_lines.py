@@ -50,7 +50,7 @@ class LogLines:
         self._often: set[int] = set()
         #: conditions without a handler that were logged
         self._unseen: set[str] = set()
-        self._ways: dict[type, Callable[[Any, Record], object]] = {
+        self._writers: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
             facts.LostDirectly: self._lost,
             facts.RequestRefused: self._refused,
@@ -71,14 +71,14 @@ class LogLines:
     def write(self, record: Record) -> None:
         """Log what the facts of a record report."""
         for fact in record.entry.facts:
-            if (way := self._ways.get(type(fact))) is not None:
-                way(fact, record)
+            if (writer := self._writers.get(type(fact))) is not None:
+                writer(fact, record)
         if record.failed:
             self._failed(record)
 
     def _joined(self, fact: facts.ModuleJoined, _: Record) -> None:
-        who = f", {fact.principal}" if fact.principal else ""
-        self._log.info("module '%s' joined (%s%s)", fact.module, fact.process, who)
+        owner = f", {fact.principal}" if fact.principal else ""
+        self._log.info("module '%s' joined (%s%s)", fact.module, fact.process, owner)
 
     def _keys(self, fact: facts.KeysChanged, _: Record) -> None:
         for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)):
@@ -126,9 +126,9 @@ class LogLines:
     def _queued(self, fact: facts.Queued, _: Record) -> None:
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:
             return
-        what = watch.condition.message.name if watch.condition is not None else ""
-        if what not in self._unseen:
-            self._unseen.add(what)
+        condition = watch.condition.message.name if watch.condition is not None else ""
+        if condition not in self._unseen:
+            self._unseen.add(condition)
             self._log.warning(
-                "%s sees nothing until a module handles its condition '%s'", watch.task, what
+                "%s sees nothing until a module handles its condition '%s'", watch.task, condition
             )

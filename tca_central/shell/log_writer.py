@@ -112,8 +112,8 @@ def move_aside(path: Path, begin: int, *later: Path) -> None:
         stream.seek(begin)
         if rest := stream.read():
             append(aside_path(path), rest)
-    for one in later:
-        one.rename(aside_path(one))
+    for file in later:
+        file.rename(aside_path(file))
     sync_path(path.parent)
     cut(path, begin)
 

@@ -38,23 +38,23 @@ class LossLog:
         #: kind of loss -> time of its last line, losses since then, reason
         self._lines: dict[str, tuple[float, int, str]] = {}
 
-    def count(self, what: str, why: str, number: int, now: float) -> None:
+    def count(self, kind: str, why: str, number: int, now: float) -> None:
         """Count a loss; log it unless its kind was logged within the period."""
-        written, before, _ = self._lines.get(what, (-inf, 0, ""))
-        self._lines[what] = written, before + number, why
+        written, before, _ = self._lines.get(kind, (-inf, 0, ""))
+        self._lines[kind] = written, before + number, why
         if now - written >= PERIOD:
-            self._write(what, now)
+            self._write(kind, now)
 
     def write_due(self, now: float = inf) -> None:
         """Log the kinds whose period is over, and forget those without new losses."""
-        for what, (written, number, _) in list(self._lines.items()):
+        for kind, (written, number, _) in list(self._lines.items()):
             if now - written >= PERIOD:
                 if number:
-                    self._write(what, now)
+                    self._write(kind, now)
                 else:
-                    del self._lines[what]
+                    del self._lines[kind]
 
-    def _write(self, what: str, now: float) -> None:
-        _, number, why = self._lines[what]
-        self._log.warning("%s%s: %s", what, f" {number:,} times" if number > 1 else "", why)
-        self._lines[what] = now, 0, why
+    def _write(self, kind: str, now: float) -> None:
+        _, number, why = self._lines[kind]
+        self._log.warning("%s%s: %s", kind, f" {number:,} times" if number > 1 else "", why)
+        self._lines[kind] = now, 0, why

@@ -45,10 +45,10 @@ class PermissionsFile:
 
     def _file_state(self) -> tuple[int, ...]:
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except OSError as error:
             return (error.errno or 0,)
-        return found.st_mtime_ns, found.st_size, found.st_ino
+        return status.st_mtime_ns, status.st_size, status.st_ino
 
     def refresh(self) -> None:
         """Read the file if it has changed. Log a file with mistakes, and keep the rules as they
@@ -75,20 +75,20 @@ def read_rules(path: Path) -> tuple[AccessRule, ...]:
     """The rules of a file. Raises PermissionsError."""
     try:
         text, mode = path.read_text(), path.stat().st_mode
-        found = tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise PermissionsError(f"{path}: {why}") from None
     if mode & 0o002:
         raise PermissionsError(f"{path}: every user may write it: run chmod o-w")
-    wrong = list(_wrong_in(found, text))
+    wrong = list(_wrong_in(tables, text))
     if wrong:
         shown = [
             f"{path}{f', line {line}' if line else ''}: {what}"
             for line, what in wrong[:_MOST_SHOWN]
         ]
         raise PermissionsError("\n".join(shown))
-    return tuple(map(_rule, found["allow"]))
+    return tuple(map(_rule, tables["allow"]))
 
 
 def _rule(table: dict[str, Any]) -> AccessRule:

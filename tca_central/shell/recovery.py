@@ -134,8 +134,8 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
         replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack)
         facts = WrittenFacts(folder, replay.central.epoch, replay.central.events)
         missing: list[Entry] = []
-        given = replay.entries()
-        while (difference := facts.compare(given, missing)) is not None:
+        replayed = replay.entries()
+        while (difference := facts.compare(replayed, missing)) is not None:
             if not accept and not (may_lack and difference.given is None):
                 raise difference
             facts.move_aside(difference)

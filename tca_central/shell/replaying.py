@@ -120,11 +120,11 @@ class InputReplay:
 
     def entries(self) -> Iterator[Entry]:
         """The journal entries to which the inputs lead. Raises CentralError."""
-        for event, spared in _with_spared(self._inputs()):
+        for logged, spared in _with_spared(self._inputs()):
             self.inputs += 1
-            for one in events_of(event, spared):
+            for event in events_of(logged, spared):
                 try:
-                    effects = self.central.handle(one)
+                    effects = self.central.handle(event)
                 except Exception as error:
                     what = f"{type(error).__name__}: {error}"
                     msg = f"input {self.inputs} leads to an internal error of central ({what})"
@@ -219,10 +219,10 @@ def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
     """Yield each input with the index of the request in it that the replay must refuse (-1:
     none).
     """
-    before: Input | None = None
+    previous: Input | None = None
     for event in inputs:
-        if before is not None and not isinstance(before, Spared):
-            yield before, event.index if isinstance(event, Spared) else -1
-        before = event
-    if before is not None and not isinstance(before, Spared):
-        yield before, -1
+        if previous is not None and not isinstance(previous, Spared):
+            yield previous, event.index if isinstance(event, Spared) else -1
+        previous = event
+    if previous is not None and not isinstance(previous, Spared):
+        yield previous, -1

@@ -223,13 +223,13 @@ class Daemon:
         """
         if self.log is not None:
             self.log.add_input(Spared(index))
-        what, who = type(event).__name__, ""
+        kind, owner = type(event).__name__, ""
         if isinstance(event, RequestReceived):
-            what = type(event.header).__name__
+            kind = type(event.header).__name__
             sender = self.central.registry.connections.get(event.connection)
-            who = f" of module '{sender.module.name}'" if sender is not None else ""
+            owner = f" of module '{sender.module.name}'" if sender is not None else ""
         self.stopping = (
-            f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+            f"internal error: {type(error).__name__} in event {self.central.events}, {kind}{owner}"
         )
         log.error("%s; the event was %.1000r", self.stopping, event, exc_info=error)
         return CentralError(
@@ -325,8 +325,7 @@ class Daemon:
         """
         receive, size, until = self.socket.recv, 0, 0.0
         # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every hundred
-        # frames
-        # while one sender has more.
+        # frames while one sender has more.
         self._has_arrived()
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
@@ -429,10 +428,10 @@ class Daemon:
             for one in known.values()
             if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
         ]
-        gone = [one.id for one in beats if not self._send_heartbeat(one.id)]
-        if gone:
+        closed = [one.id for one in beats if not self._send_heartbeat(one.id)]
+        if closed:
             self._drain()
-        for connection in gone:
+        for connection in closed:
             self.handle_input(ConnectionLost(self.now(), connection))
 
     def _send_heartbeat(self, connection: ConnectionId) -> bool:

@@ -412,15 +412,17 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
     if not tap.is_heard or _is_refused(central, tap, tapped, body):
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
-    made: Delivery
+    listener: Delivery
     if message.message_class.is_task:
-        made = _make_task(central, tap, tapped, body)
+        listener = _make_task(central, tap, tapped, body)
     else:
         context = Listening(tap, tapped)
-        made = make_statement(central, message, body, Role.LISTENER, about=tapped, context=context)
+        listener = make_statement(
+            central, message, body, Role.LISTENER, about=tapped, context=context
+        )
     tap.has_fired = isinstance(tap.place, Task)
-    central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
-    return made
+    central.facts.append(facts.TapFired(tap.id, tapped.message_id, listener.id))
+    return listener
 
 
 def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:

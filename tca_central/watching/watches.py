@@ -73,23 +73,25 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
     handlers, what foreign monitors send, and listeners that a retry does not send again. Each step
     leads to an older delivery, so the search ends at one that is older than `parent`.
     """
-    one = central.dispatcher.running.get(origin)
+    cause = central.dispatcher.running.get(origin)
     is_own = origin == parent.given_as
-    while one is not None and one.id >= parent.id and not is_own:
-        if one.role is Role.LISTENER:
-            heard = heard_by(one)
+    while cause is not None and cause.id >= parent.id and not is_own:
+        if cause.role is Role.LISTENER:
+            heard = heard_by(cause)
             tapped, tap = central.tree.tasks.get(heard.tapped.task), central.taps.get(heard.tap.id)
             if tapped is parent:
                 return tap is None or not recurs_on_retry(tap.condition)
-            one = tapped
-        elif one.role.is_of_monitor:
-            one = monitor_of(one).task
-        elif isinstance(one, Task):
-            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+            cause = tapped
+        elif cause.role.is_of_monitor:
+            cause = monitor_of(cause).task
+        elif isinstance(cause, Task):
+            cause = None if cause.role is Role.EXCEPTION or cause.is_guest else cause.parent
         else:  # only older causes count, so that the search ends whatever origins modules claim
-            is_own = one.origin == parent.given_as
-            one = central.dispatcher.running.get(one.origin) if one.origin < one.id else None
-        is_own = is_own or one is parent
+            is_own = cause.origin == parent.given_as
+            cause = (
+                central.dispatcher.running.get(cause.origin) if cause.origin < cause.id else None
+            )
+        is_own = is_own or cause is parent
     return not is_own
 
 
