@@ -64,9 +64,7 @@ def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int)
 
 
 def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
-    """The journal of the last central at an address, if its run is unfinished. Raises
-    CentralError.
-    """
+    """The journal of an address's last central, if its run is unfinished. Raises CentralError."""
     try:
         folder = journal_link(address).readlink()
         is_left = not is_fresh and folder.is_dir() and not is_in_use(folder)

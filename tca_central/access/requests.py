@@ -1,10 +1,9 @@
-"""The permissions that requests need: a row for each message of the protocol, used only if there
-are rules.
+"""The permissions that requests need: a row for each message of the protocol.
 
-A principal needs no permission for tasks that it has sent or handles. Answers need none, since they
-count only from the slot that was given the message. Requests that end a connection's own waits need
-none. A request that names something that does not exist passes here: the function that carries it
-out refuses it.
+They are checked only if there are rules. A principal needs no permission for tasks that it has sent
+or handles. Answers need none, since they count only from the slot that was given the message.
+Requests that end a connection's own waits need none. A request that names something that does not
+exist passes here: the function that carries it out refuses it.
 """
 
 from collections.abc import Callable, Iterable
@@ -69,9 +68,7 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
-    """Whether the asking handler is the exception handler for a failure of that task, or of one
-    under it.
-    """
+    """Whether the asking handler handles a failure of that task, or of one under it."""
     asking: Delivery | None = central.dispatcher.running.get(central.origin)
     if (
         not isinstance(asking, Task)
@@ -194,9 +191,7 @@ def _remove(central: State, connection: Connection, header: headers.Remove) -> N
 
 
 def _holds(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
-    """Whether all modules that have attached something belong to the principal, and are
-    connected.
-    """
+    """Whether all modules that attached something are connected, and of the same principal."""
     runs = [central.registry.modules.get(holder.run) for holder in holders]
     return all(run is not None and run.principal == connection.principal for run in runs)
 

@@ -21,9 +21,7 @@ MOST_RETAINED = 10_000
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """A module retains a task from now on, or releases it; releasing one that is not retained is
-    allowed.
-    """
+    """A module retains a task from now on, or releases it. A second release is allowed."""
     task = central.tree.task(header.task)
     record = central.memory.kept.get(header.task)
     if header.release:

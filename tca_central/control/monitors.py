@@ -1,8 +1,8 @@
 """Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
 
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every
-period. A *demon monitor* sends a set-up message and waits to be fired. Modules may fire all kinds:
-a demon monitor then acts, the others test once more.
+period. A *demon monitor* may send a set-up message, and waits to be fired. Modules may fire all
+kinds: a demon monitor then acts, the others test once more.
 
 When a condition holds, or a demon monitor is fired, the monitor sends its action as its child. The
 action's data are the condition's reply or, if the reply is just true, the monitor's own data. An
@@ -135,8 +135,7 @@ def on_test(central: State, watch: Watch) -> None:
 
 
 def _test_as_fired(central: State, watch: Watch) -> bool:
-    """Test because a module has fired the monitor; its period starts again. Return whether it
-    tests.
+    """Test now if a module has fired the monitor; its period starts again. Return whether it tests.
 
     A suspended polling monitor delays the test until it is resumed. If its condition can't be asked
     it waits for the next period.

@@ -1,5 +1,4 @@
-"""Revokes locks and reservations, by order of an operator or because of a deadlock, and warns their
-users.
+"""Revokes locks and reservations for operators or to end deadlocks, and warns their holders.
 
 The module tells a handler that still runs, where it made the lock (claims.take). The handler then
 fails with "lock lost" unless it catches that. A handler that has returned can't be told: so the
@@ -43,9 +42,7 @@ def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
 
 
 def keeper_of(claim: ModuleClaim) -> Task | None:
-    """The task whose end alone ends a claim, since the handler that made it has returned; else
-    None.
-    """
+    """The task whose end alone ends a claim; None unless the handler that made it has returned."""
     holder = claim.holder
     return holder if isinstance(holder, Task) and holder.slot is None else None
 

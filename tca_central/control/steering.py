@@ -96,9 +96,7 @@ class PendingKill(Stored):
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module kills a task, its descendants or its siblings: now, after a delay, or after a
-    point.
-    """
+    """A module kills a task, its descendants or its siblings: now, later, or after a point."""
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
         # The task was never sent, since its request would have arrived before this one; or it was
@@ -137,9 +135,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
 
 
 def _reason(header: headers.Kill) -> str:
-    """The reason, shortened more if central must store it: the budget does not count planned
-    kills.
-    """
+    """The reason, shortened more if the kill is planned: the budget does not count its bytes."""
     return (
         shortened(header.why, LONGEST_PLANNED)
         if header.delay or header.after
@@ -166,9 +162,7 @@ class PendingDeadline(Stored):
 
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
-    """Raise the failure "timeout" on a task unless it reaches `moment` within `seconds` from
-    now.
-    """
+    """Raise the failure "timeout" unless a task reaches `moment` within `seconds` from now."""
     deadline = PendingDeadline(task, moment, seconds)
     Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(task.id, moment, seconds))

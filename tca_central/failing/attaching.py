@@ -1,6 +1,4 @@
-"""Attaches exception handlers to a task, to all tasks of a message, or to the root; and removes
-them.
-"""
+"""Attaches exception handlers to a task, to a message's tasks or to the root; removes them."""
 
 from tca_central.errors import RequestError, check_name
 from tca_central.model.budget import ATTACHED_BYTES
@@ -20,9 +18,7 @@ MOST_ATTACHED = 1000
 
 
 def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
-    """A module attaches an exception handler to a task, to all tasks of a message, or to the
-    root.
-    """
+    """A module attaches an exception handler to a task, to a message's tasks, or to the root."""
     message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:

@@ -1,10 +1,10 @@
-"""Failures: raised on a task, handled by the nearest exception handler above, else by the end of
-its top-level task.
+"""Failures: raised on a task, and handled by the nearest exception handler above.
 
 Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). A search starts at
 the failing task and goes up to the root. On each task it tries the task's own exception handlers,
 newest first, then those of its message. The handler that it finds runs as a goal under the failing
-task. While the handler decides, the failing task does not count as handled.
+task. While the handler decides, the failing task does not count as handled. If no handler is found,
+the failure ends the top-level task.
 
 Three decisions deal with a failure: a retry of the failing task or of a task above it, a kill of
 such a task, and ``resolved()``. The last takes effect when the handler's task has ended. In all
@@ -49,9 +49,7 @@ MOST_ATTEMPTS = 100
 """Times that a task is handled for the sake of an exception handler without a maximum."""
 MOST_KINDS = 32
 MOST_NESTED = 8
-"""Calls of one exception handler within its own calls: it may fail with the failure that it
-handles.
-"""
+"""Calls of an exception handler within its own calls: it may fail with its own failure."""
 
 NEWLINE = "\n"
 
@@ -137,9 +135,7 @@ def _call_handler(
     *,
     is_beside: bool,
 ) -> Task | None:
-    """Call the nearest exception handler for a failure; after `below`, the nearest above that
-    one.
-    """
+    """Call the nearest exception handler for a failure; with `below`, the nearest above it."""
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
     exceptions = task.recoveries()
     passed: dict[tuple[int, str], None] = {}
@@ -178,8 +174,7 @@ def _find(
     passed: dict[tuple[int, str], None],
     nested: Counter[int],
 ) -> FailureContext | None:
-    """The nearest exception handler that may be called: it has a handler and was not undecided
-    before.
+    """The nearest exception handler that may be called, and was not undecided before.
 
     `nested` counts the calls of each exception handler that the task is part of.
     """
@@ -203,9 +198,7 @@ def _find(
 
 
 def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
-    """Yield all exception handlers from a task upwards, nearest first; with `below`, those after
-    it.
-    """
+    """Yield the exception handlers from a task up, nearest first; with `below`, those after it."""
     above: Task | None = task if below is None else below.at
     # Takes 0.1 ms at a depth of 1,000 tasks, and 10 ms at the greatest depth, 20,000.
     while above is not None:
@@ -283,9 +276,7 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
 
 
 def kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Kill a task and all under it. A running handler is notified, and its task ends when it
-    returns.
-    """
+    """Kill a task and all under it. The task of a running handler ends when the handler returns."""
     killed = central.agenda.kill(task, verdict)
     new = {victim.id for victim in killed}
     for victim in killed:
@@ -369,9 +360,7 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
 
 
 def handler_ended(central: State, handler: Task) -> None:
-    """An exception handler's task has ended: apply its decision, or continue the search without
-    one.
-    """
+    """An exception handler's task has ended: apply its decision, or continue the search."""
     trouble = trouble_of(handler)
     failing = trouble.failing
     for asked in trouble.retried:
@@ -420,9 +409,7 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 
 def _check_attempts(task: Task, asking: Task) -> None:
-    """Raise RequestError if the task was handled so often that the handler needs a maximum to retry
-    it.
-    """
+    """Raise RequestError if the task was handled so often that a retry needs a maximum."""
     attempts, trouble = (
         task.recovery.attempts if task.recovery is not None else 1,
         trouble_of(asking),
@@ -435,8 +422,9 @@ def _check_attempts(task: Task, asking: Task) -> None:
 
 
 def check_order(central: State, task: Task, asking: Task | None) -> None:
-    """Raise RequestError if a retry would wait for a task that survives it and waits for the
-    retried task.
+    """Raise RequestError if a retry would wait for a task that waits for the retried task.
+
+    Such tasks survive the retry: the exception handler that asks, and tasks that survive kills.
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
     foreign_monitors = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]
@@ -477,16 +465,14 @@ def _forget_failures(task: Task) -> None:
 
 
 def _kill_descendants(central: State, task: Task, verdict: Verdict) -> None:
-    """Kill the tasks under a retried task, except foreign monitors."""
+    """Kill the tasks under a retried task, except foreign monitors and tasks that survive kills."""
     for child in list((task.children or {}).values()):
         if not (child.role.survives or child.is_guest):
             kill(central, child, verdict)
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
-    """Handle a task again once the tasks under it, and the exception handler that asks, have
-    ended.
-    """
+    """Retry a task once the tasks under it, and the exception handler that asks, have ended."""
     task = central.living(connection, header.number, header.task, "it can't be retried")
     if task is None:
         return

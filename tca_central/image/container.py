@@ -30,9 +30,7 @@ PLAIN = frozenset((type(None), bool, int, float, str, bytes))
 
 
 class Column(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
-    """One attribute of all objects of a class, or the contents of containers, one after the
-    other.
-    """
+    """One attribute of all objects of a class, or the contents of all containers of a class."""
 
     values: list[Any]
     refers: bool = False

@@ -45,9 +45,7 @@ def encode(central: Central) -> bytes:
 
 
 class _Gathered:
-    """One attribute of all objects of a group, or the contents of its containers, with their
-    classes.
-    """
+    """The values of one column, and their classes."""
 
     __slots__ = ("kinds", "values")
 

@@ -45,9 +45,7 @@ def reject(central: State, task: Task, why: str) -> None:
 
 
 def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
-    """Make room for the newest task: cancel running tasks, and reject waiting ones of its
-    message.
-    """
+    """Make room for the newest task: cancel running tasks, reject waiting ones of its message."""
     why = f"pre-empted by {newest}"
     for other in [one for one in resource.queued() if isinstance(one, Task) and one is not newest]:
         if other.message is newest.message:

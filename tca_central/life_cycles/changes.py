@@ -1,9 +1,8 @@
-"""Clients and servers take transitions of a task's life cycle. The server is dominant, central
-decides.
+"""Clients and servers take transitions of a task's life cycle. Central decides conflicts.
 
-Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state gets the next serial
-number, and a request names the last number that its sender has seen. A number that central has not
-assigned yet means that the sender has missed changes: an error.
+Theory of operation (Lütkebohle et al., 4.5.1). The server is dominant. Each change of a task's
+state gets the next serial number, and a request names the last number that its sender has seen. A
+number that central has not assigned yet means that the sender has missed changes: an error.
 
 If a client has not seen a change by the server, its request is applied after that change where the
 table allows it, else ignored. If the server has not seen a change by a client, its request is
@@ -134,9 +133,7 @@ def apply_client_request(
 
 
 def decide_instead(central: State, task: Task) -> None:
-    """The handler of a task has returned without deciding about clients' requests: apply the
-    defaults.
-    """
+    """A task's handler has returned without a decision on clients' requests: apply the defaults."""
     asked = [
         one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)
     ]
@@ -184,9 +181,7 @@ def _decide(
 
 
 def _refusal_reason(central: State, task: Task, step: Transition, source: str) -> str:
-    """The reason why central refuses a request for the task's handler; "" if it grants the
-    request.
-    """
+    """The reason why central refuses a request for the handler; "" if it grants the request."""
     handlers = task.message.handlers
     handler = task.handler or (
         handlers[-1] if handlers and source != task.message.initial else None

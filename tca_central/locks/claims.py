@@ -1,11 +1,10 @@
-"""Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource,
-ReserveResource).
+"""Locks and reservations: a module has a resource to itself for a while.
 
 A claim waits in the resource's queue like a message, until the resource is empty; resources.py
 defines the order. A claim ends when its module releases it, and when its task or message ends,
 fails, is killed or is retried. It also ends with its connection, and when an operator or a deadlock
 revokes it. Once the handler that made it has returned, the claim is *kept*. Other claims then wait
-for the end of the task, which may need them.
+for the end of the task, which may need them. (TCA 8.5: LockResource, ReserveResource.)
 """
 
 from tca_central.errors import RequestError
@@ -61,9 +60,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of that module if one is named. Raises RequestError if it is
-    ambiguous.
-    """
+    """The resource of that name, of `module` if not "". Raises RequestError if it is ambiguous."""
     modules = [one for one in central.registry.modules.values() if name in one.resources]
     # If several runs of a module have it, the newest.
     found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
@@ -154,9 +151,7 @@ def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
 
 
 def end_claims_of_killed(central: State, task: Delivery) -> None:
-    """End a killed task's claims, except those of a running handler: messages on termination need
-    them.
-    """
+    """End a killed task's claims, except of a running handler: termination messages need them."""
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
             refuse_claim(central, claim, Refusal.TOO_LATE, "the task it was for was killed")
@@ -165,9 +160,7 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
 
 
 def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
-    """Revoke a claim, and notify the handler or client that relies on it, also after a
-    reconnection.
-    """
+    """Revoke a claim, and notify its handler or client, also after a reconnection."""
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
         _record_loss(claim.slot, claim, text)
@@ -209,9 +202,7 @@ def end_claims_of_connection(central: State, connection: Connection) -> None:
 
 
 def end_claims_on_module(central: State, module: Module, why: str) -> None:
-    """End the claims on the resources of a disconnected module, except those on copies
-    elsewhere.
-    """
+    """End the claims on a disconnected module's resources, except on those with other copies."""
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
             central.dispatcher.to_offer.append((copy, None))

@@ -53,9 +53,7 @@ def on_wait_until_handled(
 
 
 def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
-    """Warn modules that wait for each other. The waits stay, since another module may still
-    join.
-    """
+    """Warn modules that wait for each other. The waits stay: another module may still join."""
     remaining = {
         wait: None for message in central.registry.messages.values() for wait in message.awaited_by
     }

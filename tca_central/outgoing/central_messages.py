@@ -35,9 +35,7 @@ def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleRes
 
 
 def route_statement(central: State, original: Delivery) -> None:
-    """Route an inform to its handler, or a broadcast to every handler. Drop it if queues are
-    full.
-    """
+    """Route an inform to its handler, or a broadcast to all. Drop it where there is no room."""
     message = original.message
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
@@ -60,9 +58,7 @@ def why_kept_out(
 
 
 def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> str:
-    """The reason why an inform or broadcast would be dropped for all its handlers; "" if one has
-    room.
-    """
+    """The reason why all handlers would drop an inform or broadcast; "" if one would not."""
     if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
         return why
     is_full = central.dispatcher.is_full
@@ -124,9 +120,7 @@ def make_task(
 
 
 def _tap_depth(central: State, about: Delivery, role: Role) -> int:
-    """The tap depth of a message sent for `about`, or for the handler whose request is being
-    handled.
-    """
+    """The tap depth of a message sent for `about`, or for the handler that now makes a request."""
     return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
 
 
@@ -205,9 +199,7 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """The facts about a new task: its reached moments, and whether it is waited for or survives
-    retries.
-    """
+    """The facts about a new task: reached moments, if it is waited for, if it survives retries."""
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []

@@ -88,9 +88,7 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
 
 
 def review(central: State, messages: Iterable[MessageType]) -> None:
-    """Send changed routes to the senders that know them, after handlers, slots or wiretaps
-    changed.
-    """
+    """Send changed routes to their senders, after handlers, slots or wiretaps have changed."""
     for message in messages:
         if (route := route_of(message)) != message.route:
             message.route = route
@@ -154,9 +152,7 @@ def forget_sender(connection: Connection) -> None:
 
 
 def _may_reach(connection: Connection, slot: Connection) -> bool:
-    """Whether a connection may send all messages that a slot accepts directly: slots check no
-    rights.
-    """
+    """Whether a connection may send all that a slot accepts directly: slots check no rights."""
     rights, handlers = connection.rights, slot.module.handlers.values()
     taken = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
     return rights is None or all(rights.allow(Permission.SEND, name) for name in taken)
@@ -212,9 +208,7 @@ def bar_owners(central: State, principals: Iterable[str]) -> None:
 
 
 def review_licences(central: State) -> None:
-    """After a change of permissions: invalidate licences of senders that left or may send less
-    now.
-    """
+    """Invalidate the licences of senders that left, or may not use all their routes any more."""
     kept = {
         one.licence: None
         for one in central.registry.connections.values()

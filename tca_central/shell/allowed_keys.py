@@ -71,9 +71,7 @@ def own_pair(folder: Path) -> KeyPair:
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
-    """The names of programs that may connect, by public key. Log the files that hold no valid
-    key.
-    """
+    """The names of programs that may connect, by public key. Logs files without a valid key."""
     names: dict[str, str] = {}
     for path in sorted(allowed_folder(folder).glob(f"*{PUBLIC}")):
         try:
@@ -115,8 +113,7 @@ class AllowedKeys:
         return key in self.names or key in names_allowed(self._folder)
 
     def refresh(self) -> tuple[list[str], list[str]]:
-        """Return names whose keys were added since the last check, and names whose keys were
-        removed.
+        """Return the names whose keys were added and removed since the last call.
 
         A key that was replaced counts as both.
         """

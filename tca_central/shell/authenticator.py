@@ -1,8 +1,8 @@
-"""Checks the keys of programs that connect over TCP: ZeroMQ asks at each handshake (ZAP), a thread
-answers.
+"""Checks the keys of programs that connect over TCP.
 
-Without an answer no program gets in: the sockets name a domain and enforce it, else ZeroMQ would
-let in every program. ``try_out`` checks that before central listens.
+ZeroMQ asks at each handshake whether a key is known (ZAP), and a thread answers. Without an answer
+no program gets in: the sockets name a domain and enforce it, else ZeroMQ would let in every
+program. ``try_out`` checks that before central listens.
 """
 
 import contextlib
@@ -36,8 +36,9 @@ class KeyPair(NamedTuple):
 
 
 def new_pair() -> KeyPair:
-    """Generate a pair of keys. The public half never starts with "-", like a command line
-    option.
+    """Generate a pair of keys.
+
+    The public half never starts with "-", so that no command line takes it for an option.
     """
     public, secret = zmq.curve_keypair()
     while public.startswith(b"-"):
@@ -54,8 +55,9 @@ def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
 
 
 class Authenticator:
-    """Answers for the sockets of one context; a packet's ``User-Id`` is the public key of its
-    sender.
+    """Answers for the sockets of one context.
+
+    A packet's ``User-Id`` is then the public key of its sender.
     """
 
     def __init__(

@@ -51,8 +51,9 @@ def raise_descriptor_limit() -> None:
 
 
 class Door:
-    """Watches a socket in a thread of its own. Create it before the socket is bound, open it
-    after.
+    """Watches a socket in a thread of its own.
+
+    Create it before the socket is bound, and open it after that.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]", closed: Callable[[int], None]) -> None:
@@ -95,8 +96,9 @@ class Door:
                 os.close(file)
 
     def _accept_from(self, file: int) -> None:
-        """Make libzmq accept from a descriptor. Its epoll still watches the listening socket, open
-        here.
+        """Make libzmq accept from a descriptor.
+
+        libzmq's epoll still watches the listening socket, which stays open here.
         """
         if sys.platform == "linux":  # a kqueue would forget it
             os.dup2(file, self._accepting, inheritable=False)
@@ -135,8 +137,7 @@ class Door:
         return dict(parse_monitor_message(self._monitor.recv_multipart()))
 
     def _shut_if_full(self) -> None:
-        """Shut the door if the lowest free descriptor reaches the limit: a new file gets that
-        number.
+        """Shut the door if the lowest free descriptor, which a new file would get, is at the limit.
 
         This must be quick: in a rush other threads hold Python's lock.
         """

@@ -32,9 +32,7 @@ _KNOWS_USERS = sys.platform == "linux"
 
 
 class Gate:
-    """Lets in this user's programs, over a Unix socket, and those of users that the permissions
-    name.
-    """
+    """Lets in this user's programs, over a Unix socket, and those of users in the permissions."""
 
     why = "central lets in no programs of other users"  #: the reason for rejected programs
 
@@ -59,9 +57,7 @@ class Gate:
         """Admit no more programs."""
 
     def changes(self, now: float, central: Central) -> Iterator[Input]:
-        """The events for changed files since the last check, and for connections that lose
-        access.
-        """
+        """Yield the events for changed files, and for connections that these cut off."""
         permissions = self._permissions
         if permissions is not None:
             permissions.refresh()
@@ -169,9 +165,7 @@ class KeyGate(Gate):
         return self._authenticator is not None and self._authenticator.is_alive
 
     def changes(self, now: float, central: Central) -> Iterator[Input]:
-        """The events for changed files since the last check, and for connections that lose
-        access.
-        """
+        """Yield the events for changed files, and for connections that these cut off."""
         if self._was_alive and not self.is_alive:
             self._was_alive = False
             log.error(
@@ -221,9 +215,7 @@ def key_owners(central: Central) -> set[str]:
 
 
 def _frame_property(frame: zmq.Frame, what: str) -> str:
-    """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old for
-    it.
-    """
+    """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old."""
     try:
         return str(frame.get(what))
     except zmq.ZMQError:

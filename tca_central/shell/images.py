@@ -56,9 +56,7 @@ class Images:
             self.start(central)
 
     def start(self, central: Central) -> None:
-        """Start an image, and with it a segment of inputs, if that is possible now. Raises
-        CentralError.
-        """
+        """Start an image, and a segment of inputs, if possible now. Raises CentralError."""
         if not can_encode(central):
             return
         self._known = central.events

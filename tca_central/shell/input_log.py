@@ -1,5 +1,4 @@
-"""The log of inputs: everything that central received, in segments NNNNNNNN.tcai beside the
-journal's.
+"""The log of inputs: what central received, in segments NNNNNNNN.tcai beside the journal's.
 
 An image of the state, NNNNNNNN.tcas, shows the state at the start of the segment of that number.
 The newest image and the later inputs restore the state (recovery.py).
@@ -98,9 +97,7 @@ class InputLog(LogWriter):
         self.add_record(framed(_encode(event)))
 
     def next_segment(self, clock: float) -> int:
-        """Start another segment at central's time `clock`. Return its number. Raises
-        CentralError.
-        """
+        """Start another segment at central's time `clock`; its number. Raises CentralError."""
         self._head = msgspec.structs.replace(self._head, clock=clock)
         self.start_segment()
         return self.newest
@@ -122,8 +119,9 @@ class InputLog(LogWriter):
 
 
 class InputSegment:
-    """A segment to read. ``end`` is the offset after the last sound record, ``size`` the file's
-    size.
+    """A segment to read.
+
+    ``end`` is the offset after the last sound record, ``size`` the size of the file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -21,9 +21,7 @@ LONGEST_LINE = 2000
 
 
 class LineFormatter(logging.Formatter):
-    """Formats a record as one line, whatever names and texts contain; tracebacks have more
-    lines.
-    """
+    """Formats a record as one line, whatever its texts contain; a traceback has more lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
         """The line, with escapes for characters that would control a terminal."""

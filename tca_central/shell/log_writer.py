@@ -55,8 +55,7 @@ def lock(file: int) -> None:
 
 
 def lock_folder(folder: Path) -> int:
-    """Lock a journal's folder, created if missing. Return the file of the lock. Raises
-    CentralError.
+    """Lock a journal's folder, created if missing; the lock's file. Raises CentralError.
 
     Two running centrals would mix their segments. The lock ends with its process.
     """
@@ -225,8 +224,9 @@ class LogWriter:
         self._run_steps(self.write, self._fsync)
 
     def write_now(self) -> Path:
-        """Pass all records to the kernel, whatever ``sync`` says. Return the segment. Raises
-        CentralError.
+        """Pass all records to the kernel, whatever ``sync`` says. Return the segment.
+
+        Raises CentralError.
         """
         self._run_steps(self.write)
         return self._path

@@ -1,6 +1,4 @@
-"""Warnings of losses, which may come in floods: one line a second per kind of loss, with the
-count.
-"""
+"""Warnings of losses, which may come in floods: one line a second per kind, with the count."""
 
 import logging
 from math import inf

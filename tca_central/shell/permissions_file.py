@@ -29,9 +29,7 @@ _MOST_SHOWN = 20
 
 
 class PermissionsError(CentralError):
-    """A permissions file that can't be used. The text lists each mistake, its line, and the
-    correction.
-    """
+    """A permissions file with mistakes: the text lists them, with lines and corrections."""
 
 
 class PermissionsFile:
@@ -51,9 +49,7 @@ class PermissionsFile:
         return status.st_mtime_ns, status.st_size, status.st_ino
 
     def refresh(self) -> None:
-        """Read the file if it has changed. Log a file with mistakes, and keep the rules as they
-        are.
-        """
+        """Read the file if it has changed. A file with mistakes is logged, and changes nothing."""
         if (look := self._file_state()) == self._seen:
             return
         self._seen = look

@@ -1,11 +1,10 @@
-"""Recovers an unfinished run, one that did not end regularly: replays the inputs since its newest
-image.
+"""Recovers an unfinished run by a replay of the inputs since its newest image.
 
-The result is compared with the facts in the journal. The journal may lack the last facts: they are
-written again. It may have more facts if the last inputs did not reach the disk: these are moved to
-files beside it, and reported. Any other difference is reported and stops the recovery, unless the
-user accepts it (--resume facts). Then all logs are cut after their last sound record, before
-anything is written (decision 102).
+A run is unfinished if it did not end regularly. The result of the replay is compared with the facts
+in the journal. The journal may lack the last facts: they are written again. It may have more facts
+if the last inputs did not reach the disk: these are moved to files beside it, and reported. Any
+other difference is reported and stops the recovery, unless the user accepts it (--resume facts).
+Then all logs are cut after their last sound record, before anything is written (decision 102).
 """
 
 import logging
@@ -30,14 +29,10 @@ GRACE = 10.0
 """Seconds that modules have to reconnect."""
 
 LONGEST_AWAY = 30 * 86_400.0
-"""Seconds of absence that count at most after a reboot: the computer may have had no clock
-before.
-"""
+"""Seconds of absence that count at most after a reboot: the clock may have been wrong before."""
 
 SKIPPED = 1_000_000
-"""Numbers that are skipped when the last second of inputs may be lost: they may have been used
-then.
-"""
+"""Numbers to skip when the last second of inputs may be lost: they may have been used in it."""
 
 
 @dataclass
@@ -97,8 +92,7 @@ def _is_running(process: str) -> bool:
 
 
 def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, oldest first; none if it ended
-    regularly.
+    """The segments of inputs of a folder's newest run, oldest first; none if it ended regularly.
 
     With `accept`, segments with damaged heads are skipped. Raises CentralError.
     """

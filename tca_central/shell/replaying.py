@@ -205,9 +205,7 @@ class InputReplay:
 
 
 def _damaged(segment: InputSegment) -> CentralError:
-    """The error for a damaged input with sound ones after it: no interrupted write explains
-    that.
-    """
+    """The error for a damaged input before sound ones: no interrupted write explains that."""
     msg = (
         f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; "
         "--resume facts continues from the inputs before it, --fresh starts a new run"
@@ -216,9 +214,7 @@ def _damaged(segment: InputSegment) -> CentralError:
 
 
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
-    """Yield each input with the index of the request in it that the replay must refuse (-1:
-    none).
-    """
+    """Yield each input with the index of the request in it to refuse (-1: none)."""
     previous: Input | None = None
     for event in inputs:
         if previous is not None and not isinstance(previous, Spared):

@@ -66,9 +66,7 @@ class RunFolder:
     def open(
         self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False
     ) -> None:
-        """Let a server write there; continue the run if there is one to continue. Raises
-        CentralError.
-        """
+        """Let a server write there, and continue an unfinished run. Raises CentralError."""
         run, central = self.run, self.central
         inputs = None
         if keeps_inputs:
@@ -96,7 +94,7 @@ class RunFolder:
         restarted = run.restarted(hold=hold)
         server.handle_input(restarted)
         if restarted.skipped and inputs is not None:
-            # After another power cut now, other numbers must be skipped.
+            # It must be on the disk: after another power cut now, other numbers must be skipped.
             inputs.make_safe()
         log.warning(
             "continues the unfinished run, which stopped %.1f s ago: "

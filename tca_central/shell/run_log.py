@@ -41,9 +41,7 @@ class RunLog:
         self._journal.add(entry)
 
     def flush(self, central: Central) -> None:
-        """End a turn: write the inputs first, then the facts to which they led. Raises
-        CentralError.
-        """
+        """End a turn: write the inputs, then the facts to which they led. Raises CentralError."""
         if self._inputs is not None:
             self._inputs.flush()
         self._journal.flush()
@@ -63,10 +61,9 @@ class RunLog:
         return free < LEAST_FREE and disk.f_bavail * LEAST_SHARE < disk.f_blocks
 
     def end(self, central: Central, why: str, *, is_over: bool) -> None:
-        """Write the rest, and `why` central ends. With `is_over` the run ends, else it may
-        continue.
+        """Write the rest, and `why` central ends.
 
-        Raises CentralError.
+        With `is_over` the run ends, else it may continue. Raises CentralError.
         """
         if self.images is not None:
             self.images.close()
@@ -78,8 +75,7 @@ class RunLog:
         )
 
     def abandon(self) -> bool:
-        """Stop writing, while central continues, and prevent that the run continues from here
-        later.
+        """Stop writing while central continues, and prevent that the run continues from here later.
 
         Return False if the inputs can't be removed.
         """

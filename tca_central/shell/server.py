@@ -84,9 +84,7 @@ LOST_AFTER = 5
 PACKETS_PER_TURN = 64
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
-"""A turn ends after the packet with which it exceeds these bytes or seconds: other connections wait
-for their answers.
-"""
+"""A turn ends once it exceeds these bytes or seconds: other connections wait for answers."""
 # Turns that read pending packets before a connection counts as lost. A bound, so that a flood from
 # others can't hide the loss for ever.
 MOST_DRAIN_TURNS = 1000
@@ -139,7 +137,7 @@ class Daemon:
         self._gate = gate or gate_for(endpoint, insecure=True)
         self._lock = _lock_address(endpoint)
         self._context = zmq.Context()
-        #: Whether an unknown connection has closed: heartbeats to all of them show which.
+        #: Whether an unknown connection has closed: heartbeats to all connections show which.
         self._has_lost = False
         self._closed = 0  #: sockets that have closed, as the door counts them
         self._expected = 0  #: closed sockets that are accounted for: announced, or searched for
@@ -302,7 +300,7 @@ class Daemon:
                 self.handle_input(DiskSpace(self.now(), is_low))
 
     def now(self) -> float:
-        """Seconds since central started, on a clock that never jumps."""
+        """Seconds since the run started, on a clock that never jumps."""
         return time.monotonic() - self._started_at
 
     def _poll_timeout(self) -> int:
@@ -324,8 +322,8 @@ class Daemon:
         With `flags` 0 wait up to LIVELY milliseconds for the first one.
         """
         receive, size, until = self.socket.recv, 0, 0.0
-        # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every hundred
-        # frames while one sender has more.
+        # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every
+        # hundred frames while one sender has more.
         self._has_arrived()
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):

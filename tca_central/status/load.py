@@ -1,5 +1,4 @@
-"""The load and the longest waits, as ``tca status`` and ``tca top`` show them. This changes no
-state.
+"""The load and the longest waits, for ``tca status`` and ``tca top``. This changes no state.
 
 Counts grow from the start of the run (of the module, for a resource): the difference of two answers
 gives a rate. Times are seconds of central's clock.
@@ -121,9 +120,7 @@ def _handled(one: Delivery, now: float) -> dict[str, Any]:
 
 
 def _waits(central: State) -> Iterator[_Since]:
-    """The oldest message of each queue, messages without a handler, claims, and waiting
-    handlers.
-    """
+    """The oldest message of each queue, messages without a handler, claims, waiting handlers."""
     for resource in (
         one for module in central.registry.modules.values() for one in module.resources.values()
     ):
@@ -227,9 +224,7 @@ def _suspended(central: State) -> list[Waiter]:
 
 
 def _killed(central: State) -> list[Waiter]:
-    """Killed tasks whose handler still runs, with the handler's waits as far as central knows
-    them.
-    """
+    """Killed tasks whose handler still runs, with the handler's known waits."""
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
         for one in central.dispatcher.running.values()

@@ -1,6 +1,4 @@
-"""Central's answers about itself: one function per topic, returning plain values. No state
-changes.
-"""
+"""Central's answers about itself: one function per topic, returning plain values."""
 
 import itertools
 from collections.abc import Iterable
@@ -83,9 +81,7 @@ def _resource(resource: ModuleResource) -> dict[str, Any]:
 
 
 def messages(central: State) -> list[dict[str, Any]]:
-    """Each message with its class, its handlers (newest first), and the number that wait for
-    one.
-    """
+    """Each message with its class, its handlers (newest first), and the number of those waiting."""
     return [
         {
             "message": message.name,
@@ -201,9 +197,7 @@ def relatives(
 
 
 def variables(central: State) -> list[dict[str, Any]]:
-    """Each variable with its value as MessagePack (omitted if long), its setter and its
-    watchers.
-    """
+    """Each variable with its value as MessagePack (empty if long), its setter and its watchers."""
     found = []
     for message in central.registry.messages.values():
         if not message.message_class.keeps_value:

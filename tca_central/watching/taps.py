@@ -1,5 +1,4 @@
-"""Wiretaps: central sends a listener when something happens to messages of others (TCA 8.5:
-msgTap.c).
+"""Wiretaps: central sends a listener when something happens to messages (TCA 8.5: msgTap.c).
 
 Theory of operation. A tap fires *before* a moment or *at* an event. Before a moment, it holds the
 moment back until its listener's interval of the same kind has ended. A listener that holds the
@@ -62,9 +61,7 @@ _PLANNED_BY = {
     Condition.BEFORE_PLANNING: "'before handling' also holds a goal's planning until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until the listener is planned, and advice for listeners without
-planning.
-"""
+"""Conditions that hold a goal until the listener is planned, and advice for other listeners."""
 
 
 # --- adding and removing --------------------------------------------------------------------------
@@ -276,9 +273,7 @@ def _add(
     tapped: MessageType,
     place: Task | MessageType,
 ) -> Wiretap:
-    """Add a tap, or return an equal one: it fires once. Other watch options make another
-    listener.
-    """
+    """Add a tap, or return an equal one: it fires once. Other watch options make another tap."""
     condition = header.condition
     others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -354,9 +349,7 @@ def listeners_come(central: State, names: Iterable[str]) -> None:
 
 
 def _waiting(central: State, tap: Wiretap) -> list[Task]:
-    """The tapped tasks that wait for a slot or a handler, oldest first, if the tap can hold
-    them.
-    """
+    """The tapped tasks that wait for a slot or a handler, oldest first, if the tap can hold any."""
     if not tap.before & STARTS:
         return []
     place = place_of(tap)
@@ -426,9 +419,7 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
 
 
 def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
-    """Whether a listener is refused: memory is full, or its chain of taps too long. Journal
-    that.
-    """
+    """Whether a listener has no room, or too long a chain of taps before it. Journals that."""
     message = tap.listener
     # Rare: the request that starts such a chain is usually refused.
     if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:
