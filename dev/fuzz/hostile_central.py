@@ -34,7 +34,7 @@ from tca_central.events import (
     Transmit,
 )
 from tca_central.image.decoder import decode
-from tca_central.image.encoder import encode, can_encode
+from tca_central.image.encoder import can_encode, encode
 from tca_central.inputs import events_of
 from tca_central.shell.log_lines import LogLines
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened

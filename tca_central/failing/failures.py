@@ -424,7 +424,7 @@ def _check_attempts(task: Task, asking: Task) -> None:
 def check_order(central: State, task: Task, asking: Task | None) -> None:
     """Raise RequestError if a retry would wait for a task that waits for the retried task.
 
-    Such tasks survive the retry: the exception handler that asks, and tasks that survive kills.
+    A retry waits for the exception handler that asks, and for tasks that survive kills.
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
     foreign_monitors = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]

@@ -70,7 +70,7 @@ class Gate:
             )
 
     def _allow_users(self, users: list[int]) -> None:
-        """Admit the programs of these users and of central's user, and no others."""
+        """Admit the programs of central's user and of the given users, and no others."""
         assert self._socket_file is not None
         self._listed = users
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}

@@ -1,10 +1,11 @@
 """The permissions file: TOML that says which keys may be which modules, and do what.
 
-central checks the whole file before it uses any of it.
+central checks the whole file before it uses any of it. A key is a name of 'tca keys', "owner" for
+central's user, "uid:1001" for another user, or a list of them. Without a module, any is allowed.
 
     [[allow]]
-    key = "arm"      # a key of 'tca keys', "owner" (runs central), "uid:1001", or a list
-    module = "arm*"  # [default: any]
+    key = "arm"
+    module = "arm*"
     send = ["log", "pose"]
     handle = ["grip", "move_*"]
 """

@@ -79,8 +79,8 @@ BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 LOST_AFTER = 5
 """Unanswered heartbeats on a pulse after which its process, which stands still, counts as lost."""
-# Packets read per turn. A slot gets its next messages once a turn, so one flooding sender must not
-# prolong turns until slots run dry.
+# Packets read per turn: few enough that one flooding sender can't starve the slots, which get
+# their next messages once a turn.
 PACKETS_PER_TURN = 64
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02

@@ -81,7 +81,7 @@ def _resource(resource: ModuleResource) -> dict[str, Any]:
 
 
 def messages(central: State) -> list[dict[str, Any]]:
-    """Each message with its class, its handlers (newest first), and the number of those waiting."""
+    """Each message with its class, its handlers (newest first), and the number that wait."""
     return [
         {
             "message": message.name,

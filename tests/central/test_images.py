@@ -26,7 +26,7 @@ from tca_central.errors import ImageError
 from tca_central.events import ConnectionId, Effect
 from tca_central.image import container
 from tca_central.image.decoder import decode
-from tca_central.image.encoder import encode, can_encode
+from tca_central.image.encoder import can_encode, encode
 from tca_central.image.shapes import shape_named, shape_of
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import Verdict

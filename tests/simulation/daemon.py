@@ -31,7 +31,7 @@ from tca_central.events import (
     TellAll,
     Tick,
 )
-from tca_central.image.encoder import encode, can_encode
+from tca_central.image.encoder import can_encode, encode
 from tca_central.inputs import events_of
 from tca_central.shell.images import write_image
 from tca_central.shell.input_log import IMAGE_SUFFIX, InputLog
