@@ -407,7 +407,7 @@ class Daemon:
         is_sweep = self._has_lost or now >= self._next_sweep
         if self._has_lost:
             # Sweep again soon: the door may see a close before the socket does.
-            self._has_lost, self._next_sweep = (False, now + PULSE_PERIOD)
+            self._has_lost, self._next_sweep = False, now + PULSE_PERIOD
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
             # Some connections say Bye and stay open.
