@@ -60,7 +60,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of `module` if not "". Raises RequestError if it is ambiguous."""
+    """The resource of that name, of `module` if not "". Raises RequestError unless it is unique."""
     modules = [one for one in central.registry.modules.values() if name in one.resources]
     # If several runs of a module have it, the newest.
     found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
@@ -125,7 +125,7 @@ def on_time_out(central: State, claim: ModuleClaim) -> None:
 
 
 def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str) -> None:
-    """A claim waits in vain: refuse its module's request."""
+    """Refuse the request for a claim that can never be granted."""
     _fail(central, claim, text, Refused(claim.number, refusal, text))
 
 
@@ -186,7 +186,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """Check claims for deadlocks whose handler has returned: they now last as long as its task."""
+    """Suspect claims of a deadlock after their handler has returned: they last as long as its task."""
     if central.claimed_for:
         central.suspects.extend(
             claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted

@@ -252,7 +252,7 @@ def _call_for_ended(
 def _check_monitor(
     central: State, header: headers.Tap, tapped: MessageType, listener: MessageType
 ) -> None:
-    """Raise RequestError if a monitor as listener would never end."""
+    """Raise RequestError if a monitor that listens so would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     rule = CONDITIONS[header.condition]
