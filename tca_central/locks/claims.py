@@ -186,7 +186,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """Suspect claims of a deadlock after their handler has returned: they last as long as its task."""
+    """Suspect claims of a deadlock once their handler has returned, since they outlast it."""
     if central.claimed_for:
         central.suspects.extend(
             claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted
