@@ -1,6 +1,6 @@
 """Revokes locks and reservations for operators or to end deadlocks, and warns their holders.
 
-The module tells a handler that still runs, where it made the lock (claims.take). The handler then
+The module tells a handler that still runs, where it made the lock. The handler then
 fails with "lock lost" unless it catches that. A handler that has returned can't be told: so the
 failure is raised on the task for which the lock lasts.
 """

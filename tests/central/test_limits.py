@@ -322,7 +322,7 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
     *others, last = answers
     assert not any(isinstance(answer, headers.Refused) for answer in others)
     assert last.refusal is Refusal.OVERLOAD
-    assert last.text == "3 wait to lock or reserve resource 'legs'"
+    assert last.text == "3 claims wait to lock or reserve resource 'legs'"
 
 
 @pytest.mark.parametrize("moment", [0, 3, 64])

@@ -244,7 +244,7 @@ def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
         assert sorted(one.id for one in heard if one) == sorted(
             [one.id for one in moves] + [moves[0].id] * 2
         )
-        with pytest.raises(Refused, match="its data are forgotten: send the task with keep=True"):
+        with pytest.raises(Refused, match="its data was not kept: send the task with keep=True"):
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
