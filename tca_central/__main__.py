@@ -15,12 +15,12 @@ from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
 from tca_central.shell.bytes_option import Bytes
-from tca_central.shell.door import make_room
+from tca_central.shell.door import raise_descriptor_limit
 from tca_central.shell.gate import OpenGate, gate_for
 from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LineFormatter
-from tca_central.shell.log_writer import Sync, is_written
-from tca_central.shell.recovery import unfinished
+from tca_central.shell.log_writer import Sync, is_in_use
+from tca_central.shell.recovery import unfinished_segments
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
 from tca_wire.endpoint import (
@@ -41,7 +41,10 @@ log = logging.getLogger("tca.central")
 LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
 
-INSECURE = "anybody on this computer can connect, and do everything (--insecure): make keys with 'tca keys new NAME'"
+INSECURE = (
+    "every program of this computer can connect, and do everything (--insecure): "
+    "make keys with 'tca keys new NAME'"
+)
 
 CORE = "compiled" if is_compiled() else "pure Python"
 
@@ -52,26 +55,27 @@ class _NoRoom(click.ClickException):
 
 def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int) -> int:
     if seconds == 1:
-        msg = "1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never"
+        msg = (
+            "1 is too short to tell a stopped process from a busy computer: "
+            "give 2 or more, or 0 for never"
+        )
         raise click.BadParameter(msg)
     return seconds
 
 
 def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
-    """The journal of the last central at an address, if its run has ended without a goodbye. Raises
-    CentralError.
-    """
+    """The journal of an address's last central, if its run is unfinished. Raises CentralError."""
     try:
-        there = journal_link(address).readlink()
-        is_left = not is_fresh and there.is_dir() and not is_written(there)
-        is_open = is_left and bool(unfinished(there, accept=accept))
+        folder = journal_link(address).readlink()
+        is_left = not is_fresh and folder.is_dir() and not is_in_use(folder)
+        is_open = is_left and bool(unfinished_segments(folder, accept=accept))
     except (OSError, NoHome):
         return None
-    return there if is_open else None
+    return folder if is_open else None
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
-    """Raises UsageError. What other machines can reach is never open to all."""
+    """Raise UsageError for a bad address, and where other machines could connect without a key."""
     port = bind.rpartition(":")[2]
     is_number = port.isascii() and port.isdigit()
     is_tcp = bind.startswith("tcp://") and (port == "*" or (is_number and 0 < int(port) < 65536))
@@ -79,19 +83,23 @@ def _check_address(bind: str, *, insecure: bool) -> None:
         msg = f"{bind} is too long: the path of a socket has at most {LONGEST_PATH} bytes"
         raise click.UsageError(msg)
     if not is_tcp and not bind.startswith("ipc:///"):
-        msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
+        msg = (
+            f"'{bind}' is not an address: use ipc:///path/of/socket or tcp://127.0.0.1:port "
+            "(port * for a free one)"
+        )
         raise click.UsageError(msg)
     if is_tcp and insecure and not is_loopback(bind):
         msg = (
-            f"{bind} can be reached from other machines, so whoever connects needs a key: leave --insecure out, and \
-make keys with 'tca keys new NAME'"
+            f"{bind} can be reached from other machines, so every program needs a key: "
+            "leave --insecure out, and make keys with 'tca keys new NAME'"
         )
         raise click.UsageError(msg)
 
 
-def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
-    """Let tools that look at the central of an address find its journal, or none, where it keeps
-    none; and those that are to show the newest run one that was *named*.
+def _link_journal(address: str, journal: Path | None, *, is_named: bool) -> None:
+    """Link the journal, or none, to the address, so that tools find it.
+
+    With `is_named` also link it as the newest one, which tools show by default.
     """
     with contextlib.suppress(OSError, NoHome):
         link = journal_link(address)
@@ -102,13 +110,13 @@ def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
             _link(link, journal.resolve())
 
 
-def _link(link: Path, there: Path) -> None:
-    """Links beside it that lead nowhere go, and those of earlier runs to the same folder."""
+def _link(link: Path, folder: Path) -> None:
+    """Link a folder, and remove links beside it that are broken or lead to the same folder."""
     link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     for other in link.parent.iterdir():
-        if other.is_symlink() and (not other.exists() or other.resolve() == there):
+        if other.is_symlink() and (not other.exists() or other.resolve() == folder):
             other.unlink(missing_ok=True)
-    link.symlink_to(there, target_is_directory=True)
+    link.symlink_to(folder, target_is_directory=True)
 
 
 def _log_lines(*, quiet: bool) -> None:
@@ -119,17 +127,17 @@ def _log_lines(*, quiet: bool) -> None:
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
 
 
-def _obey_signals(server: Daemon) -> None:
+def _install_signal_handlers(server: Daemon) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
     has_terminal = os.isatty(sys.stderr.fileno())
 
     def on_hangup(*_: object) -> None:
-        """Look at keys and permissions again; or end, if the terminal is gone."""
+        """Check keys and permissions again; or end, if the terminal was closed."""
         if has_terminal and not os.isatty(sys.stderr.fileno()):
             server.stop(signal.SIGHUP.name)
         else:
-            server.look_again()
+            server.check_soon()
 
     signal.signal(signal.SIGHUP, on_hangup)
 
@@ -143,8 +151,8 @@ def _obey_signals(server: Daemon) -> None:
 @click.option(
     "--journal",
     type=click.Path(path_type=Path),
-    help="Folder for the journal [default: that of the run at this address if it has not ended, else a new one]; tools \
-find it, too. It may hold earlier runs.",
+    help="Folder for the journal, where tools find it; it may hold earlier runs [default: the "
+    "folder of this address's unfinished run, else a new one].",
 )
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
 @click.option(
@@ -152,11 +160,11 @@ find it, too. It may hold earlier runs.",
     type=click.Choice([str(sync) for sync in Sync]),
     default="batch",
     show_default=True,
-    help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
-before and on the disk within a second, 'none' when convenient.",
+    help="When the journal is safe: 'always' on the disk before messages leave, 'batch' with the "
+    "kernel by then and on the disk within a second, 'none' whenever convenient.",
 )
 @click.option(
-    "--no-inputs", is_flag=True, help="Keep no inputs: after a crash everything begins anew."
+    "--no-inputs", is_flag=True, help="Store no inputs: after a crash central starts a new run."
 )
 @click.option(
     "--if-journal-fails",
@@ -164,19 +172,19 @@ before and on the disk within a second, 'none' when convenient.",
     type=click.Choice(["stop", "go-on"]),
     default="stop",
     show_default=True,
-    help="When the journal can't be written: 'go-on' does without one from then on.",
+    help="When the journal can't be written: 'go-on' continues without a journal.",
 )
 @click.option(
     "--fresh",
     is_flag=True,
-    help="Begin a new run, also where the last one ended without a goodbye.",
+    help="Start a new run, even if the last one is unfinished.",
 )
 @click.option(
     "--resume",
     type=click.Choice(["hold", "facts"]),
     multiple=True,
-    help="How a run goes on that ended without a goodbye: 'hold' starts no task until 'tca resume' says so, \
-'facts' accepts that the journal differs from what the inputs lead to.",
+    help="How an unfinished run continues: 'hold' starts no task until 'tca resume', "
+    "'facts' accepts a journal that does not match the inputs.",
 )
 @click.option(
     "--lost-after",
@@ -185,8 +193,8 @@ before and on the disk within a second, 'none' when convenient.",
     default=LOST_AFTER,
     show_default=True,
     metavar="SECONDS",
-    help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
-never.",
+    help="Silence after which a program whose process stands still (stopped, paused) counts as "
+    "lost; 0: never.",
 )
 @click.option(
     "--memory",
@@ -194,7 +202,8 @@ never.",
     default="512M",
     show_default=True,
     metavar="BYTES",
-    help="How much central may hold of what modules send, as 64M or 2G; beyond that it refuses and drops.",
+    help="How much central may hold of what modules send, for example 64M or 2G; beyond that it "
+    "refuses and drops messages.",
 )
 @click.option(
     "--tap-depth",
@@ -202,8 +211,8 @@ never.",
     default=8,
     show_default=True,
     metavar="NUMBER",
-    help="How many listeners of wiretaps one chain of messages may call; beyond that a tapped message is \
-refused.",
+    help="How many listeners of wiretaps one chain of messages may call; beyond that it refuses "
+    "tapped messages.",
 )
 @click.option(
     "--task-depth",
@@ -211,24 +220,25 @@ refused.",
     default=20_000,
     show_default=True,
     metavar="NUMBER",
-    help="How many tasks may stand under one another; beyond that a task is refused.",
+    help="How many tasks may stand under one another; beyond that it refuses tasks.",
 )
 @click.option(
     "--insecure",
     is_flag=True,
-    help="Over TCP, let in every program of this computer, without a key.",
+    help="Over TCP, let every program of this computer connect without a key.",
 )
 @click.option(
     "--permissions",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Who may do what, as TOML; read again when it changes [default: whoever gets in, everything].",
+    help="A TOML file of what each key may do, read again when it changes [default: every program "
+    "that connects may do everything].",
 )
-@click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
+@click.option("-q", "--quiet", is_flag=True, help="Log only what went wrong.")
 @click.version_option(
     release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
 )
-def central(  # noqa: PLR0913 - one for each option
+def central(  # noqa: PLR0913 - one parameter per option
     bind: str | None,
     journal: Path | None,
     sync: str,
@@ -250,7 +260,7 @@ def central(  # noqa: PLR0913 - one for each option
     _log_lines(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
-    make_room()
+    raise_descriptor_limit()
     run: RunFolder | None = None
     server: Daemon | None = None
     try:
@@ -274,18 +284,19 @@ def central(  # noqa: PLR0913 - one for each option
             tap_depth=tap_depth,
             task_depth=task_depth,
         )
-        server.goes_on_unrecorded = if_fails == "go-on"
+        server.continues_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
-        _tell_where(
+        _link_journal(
             server.endpoint, None if run is None else run.path, is_named=journal is not None
         )
-        _obey_signals(server)
+        _install_signal_handlers(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):
             log.warning("%s", INSECURE)
         log.info("no journal" if run is None else f"journal in {run.path}{run.history}")
-        gc.freeze()  # what lasts as long as central need not be looked through each time
+        # Objects that last as long as central need no scan in each garbage collection.
+        gc.freeze()
         server.serve()
     except (CentralError, KeyRefused, NoHome) as error:
         raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(

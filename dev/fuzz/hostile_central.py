@@ -34,7 +34,7 @@ from tca_central.events import (
     Transmit,
 )
 from tca_central.image.decoder import decode
-from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.encoder import can_encode, encode
 from tca_central.inputs import events_of
 from tca_central.shell.log_lines import LogLines
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
@@ -156,7 +156,7 @@ class Attacked:
 
     def become_another(self) -> None:
         """Go on as another central that knows no more than an image of this one holds."""
-        if may_be_taken(self.central):
+        if can_encode(self.central):
             self.central = decode(encode(self.central))
             self._lines = LogLines(_SILENT, self.central)
 

@@ -74,14 +74,14 @@ class Daemon:
             self._folder.close()
             raise
 
-    def take(self, event: Input) -> None:
+    def handle_input(self, event: Input) -> None:
         """Let central handle an input."""
         assert self.log is not None
-        self.log.take(event)
+        self.log.add_input(event)
         for one in events_of(event):
             for effect in self.central.handle(one):
                 if isinstance(effect, Record):
-                    self.log.add(effect.entry)
+                    self.log.add_entry(effect.entry)
 
     def kill(self) -> None:
         """Leave all as it is."""
@@ -96,7 +96,7 @@ def _live(folder: Path, choices: Choices) -> int:
     daemon = Daemon(folder)
     try:
         for line, packet in beginning()[: choices.below(4)]:
-            daemon.take(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
+            daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
     finally:
         daemon.kill()
     return daemon.central.events

@@ -1,1 +1,1 @@
-"""Who may do what: the permissions that each request needs."""
+"""The permissions that requests need."""

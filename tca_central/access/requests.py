@@ -1,10 +1,9 @@
-"""The permissions that requests need: a row for each message of the protocol, asked only where
-there are rules.
+"""The permissions that requests need: a row for each message of the protocol.
 
-What a principal has sent, and what it handles, is its own: that needs no permission. Nor do
-answers, which count only from the slot that was given the message, nor what ends a connection's own
-wants. What a request mentions that does not exist is left to the function that carries it out: that
-refuses it, too.
+They are checked only if there are rules. A principal needs no permission for tasks that it has sent
+or handles. Answers need none, since they count only from the slot that was given the message.
+Requests that end a connection's own waits need none. A request that names something that does not
+exist passes here: the function that carries it out refuses it.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,17 +25,17 @@ SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
 LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
 
 OPEN_TOPICS = ("messages", "modules")
-"""Central tells these to all: the module library asks for them to explain errors."""
+"""Topics that need no permission: the module library asks for them to explain errors."""
 
 
 def check(central: State, connection: Connection, header: headers.ToCentral) -> None:
-    """Raise RequestError if a connection may not ask for that."""
+    """Raise RequestError if a connection may not make that request."""
     if (needs := NEEDS[type(header)]) is not None:
         needs(central, connection, cast("Never", header))
 
 
 def forbidden(connection: Connection, what: str) -> RequestError:
-    """The error of a connection that may not do *what*."""
+    """The error for a connection that may not do `what`."""
     module = connection.module
     who = f" ({module.principal})" if module.principal else ""
     return RequestError(
@@ -61,7 +60,7 @@ def _may_one_of(connection: Connection, permissions: Iterable[Permission], name:
 
 
 def _is_own(connection: Connection, task: Task) -> bool:
-    """Whether its principal has sent a task, or handles it."""
+    """Whether a connection's principal has sent a task, or handles it."""
     principal, sender, slot = connection.principal, task.sent_by, task.slot
     if isinstance(sender, Module) and sender.principal == principal:
         return True
@@ -69,9 +68,7 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
-    """Whether the handler that asks is the exception handler of a failure of what is under that
-    task, or of itself.
-    """
+    """Whether the asking handler handles a failure of that task, or of one under it."""
     asking: Delivery | None = central.dispatcher.running.get(central.origin)
     if (
         not isinstance(asking, Task)
@@ -88,8 +85,9 @@ def _decides_for(central: State, connection: Connection, task: Task) -> bool:
 
 
 def _control(central: State, connection: Connection, number: TaskId, what: str) -> None:
-    """Its principal may steer that task. One that has ended is not changed any more; all hang under
-    the root.
+    """Check that a connection may steer a task.
+
+    A task that has ended does not change, and every task is under the root.
     """
     task = central.tree.tasks.get(number)
     if number == ROOT:
@@ -97,18 +95,18 @@ def _control(central: State, connection: Connection, number: TaskId, what: str) 
     if task is None or _is_own(connection, task) or _may(connection, KILL, task.message.name):
         return
     if not _decides_for(central, connection, task):
-        raise forbidden(connection, f"{what} {task}, which is somebody else's")
+        raise forbidden(connection, f"{what} {task}, which is not its own")
 
 
 def _see(central: State, connection: Connection, number: TaskId) -> None:
-    """Its principal may know what a task does, and did."""
+    """Check that a connection may see what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
-        is_its = _is_own(connection, task) or _may_one_of(
+        is_own = _is_own(connection, task) or _may_one_of(
             connection, (TAP, KILL), task.message.name
         )
-        if not is_its and not _decides_for(central, connection, task):
-            raise forbidden(connection, f"see {task}, which is somebody else's")
+        if not is_own and not _decides_for(central, connection, task):
+            raise forbidden(connection, f"see {task}, which is not its own")
         return
     owner, record = (
         central.registry.permissions.outcome_owners.get(number),
@@ -121,12 +119,12 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
     ):
         return
     if record is None or not _may_see_record(connection, record):
-        raise forbidden(connection, f"see task {number}, which was somebody else's")
+        raise forbidden(connection, f"see task {number}, which was not its own")
 
 
 def _may_see_record(connection: Connection, record: KeptTask) -> bool:
-    is_its = any(module.principal == connection.principal for module in record.keeping.by)
-    return is_its or _may_one_of(connection, (TAP, KILL), record.message.name)
+    is_own = any(module.principal == connection.principal for module in record.keeping.by)
+    return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
 
 
 def _constrain(
@@ -137,15 +135,14 @@ def _constrain(
             _control(central, connection, constraint.after.task, "constrain")
 
 
-# --- a function a message -------------------------------------------------------------------------
+# --- one function per message ---------------------------------------------------------------------
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
-    number = (
-        connection.tasks.get(-header.task) if header.task < 0 else header.task
-    )  # by the request that sent it
+    # A negative number is that of the request that sent the task.
+    number = connection.tasks.get(-header.task) if header.task < 0 else header.task
     if number is None:
-        return  # there is nothing to kill
+        return  # the task was never sent
     _control(central, connection, number, "kill")
     task = central.tree.tasks.get(number)
     if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
@@ -183,18 +180,18 @@ def _attach(central: State, connection: Connection, header: headers.Attach) -> N
 
 def _remove(central: State, connection: Connection, header: headers.Remove) -> None:
     if (attached := central.attached.get(header.id)) is not None:
-        is_its = _holds(central, connection, attached.holders.values())
+        is_own = _holds(central, connection, attached.holders.values())
     elif (tap := central.taps.get(header.id)) is not None:
-        is_its = not header.for_all or _holds(central, connection, tap.holders.values())
+        is_own = not header.for_all or _holds(central, connection, tap.holders.values())
     else:
         task = central.tree.tasks.get(header.id)
-        is_its = task is None or _is_own(connection, task)
-    if not is_its:
+        is_own = task is None or _is_own(connection, task)
+    if not is_own:
         _need(connection, ADMINISTER, "detach")
 
 
 def _holds(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
-    """Whether all who have attached something are of its principal, and connected."""
+    """Whether all modules that attached something are connected, and of the same principal."""
     runs = [central.registry.modules.get(holder.run) for holder in holders]
     return all(run is not None and run.principal == connection.principal for run in runs)
 
@@ -211,7 +208,7 @@ def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
         _need(connection, TAP, header.of)
 
 
-def _look(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
+def _view(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
     if header.task:
         _see(central, connection, header.task)
     elif isinstance(header, Observe) and header.message and not header.below:
@@ -236,7 +233,7 @@ def _get_variable(_: State, connection: Connection, header: headers.GetVariable)
 
 
 def _lock(central: State, connection: Connection, header: headers.Lock) -> None:
-    """Whatever resource may be meant."""
+    """Check all resources that the request may mean."""
     for module in central.registry.modules.values():
         if module is connection.module or header.resource not in module.resources:
             continue
@@ -255,12 +252,12 @@ def _noted(_: State, connection: Connection, header: Noted) -> None:
 
 
 def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
-    """A request that steers the task of that *number*."""
+    """Make the check of a request that steers the task of that `number`."""
     return lambda central, connection, header: _control(central, connection, number(header), what)
 
 
 NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
-    headers.Hello: None,  # joining.py: which names a principal may have
+    headers.Hello: None,  # joining.py checks the names that a principal may have
     headers.Register: _register,
     headers.Unregister: None,
     headers.Send: _send,
@@ -284,9 +281,9 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Resolve: None,
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
-    headers.Inspect: _look,
+    headers.Inspect: _view,
     ChangeState: _controls("change the state of", lambda header: header.task),
-    Observe: _look,
+    Observe: _view,
     headers.Tap: _tap,
     headers.Fire: _fire,
     headers.EndMonitor: _controls("end", lambda header: header.monitor),
@@ -303,4 +300,4 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     Noted: _noted,
     WatchEntrance: None,
 }
-"""One row per message: what it needs; None: nothing."""
+"""One row per message: the check of its permissions; None: it needs none."""

@@ -1,1 +1,1 @@
-"""Control of running tasks: kills, suspension, deadlines, monitors, keeping, revoked locks."""
+"""Control of running tasks: kills, suspension, deadlines, monitors, retention, revoked locks."""

@@ -1,10 +1,10 @@
-"""Records of ended tasks that modules keep: data, outcome and place in the tree.
+"""Records of ended tasks that modules retain: data, outcome and place in the tree.
 
-A task that a module keeps leaves a record when it ends, under its parent: the living task, the
-root, or that one's record. A record goes when nobody keeps it any more (each module keeps for
-itself, and a module that leaves keeps nothing), or when what it hangs under ends without being kept
-or goes itself. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its references
-were released.)
+A retained task leaves a record when it ends, under the living parent, the root, or its parent's
+record. A record is dropped when no module retains it any more; a module that leaves retains
+nothing. It is also dropped when the task above it ends without being retained, or when the record
+above it is dropped. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its
+references were released.)
 """
 
 from tca_central.errors import RequestError
@@ -16,21 +16,19 @@ from tca_wire.packets import headers
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
-MOST_KEPT = 10_000
-"""Tasks that all modules together may keep, living ones too."""
+MOST_RETAINED = 10_000
+"""Tasks that all modules together may retain, living ones included."""
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """A module keeps a task from now on, or no longer; letting go a task that is not kept is no
-    error.
-    """
+    """A module retains a task from now on, or releases it. A second release is allowed."""
     task = central.tree.task(header.task)
     record = central.memory.kept.get(header.task)
     if header.release:
         release(central, header.task, connection.module)
     elif task is None and record is None:
         raise RequestError(
-            Refusal.TOO_LATE, f"task {header.task} has ended: ask that it be kept before it does"
+            Refusal.TOO_LATE, f"task {header.task} has ended: keep it before it ends"
         )
     else:
         keep(central, task or record, connection.module)
@@ -38,14 +36,14 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
 
 
 def check_room(central: State) -> None:
-    """Raises RequestError if no more tasks can be kept."""
-    if central.memory.promises >= MOST_KEPT:
-        text = f"{MOST_KEPT} tasks are kept already: release those that nobody asks for any more"
+    """Raise RequestError if no more tasks can be retained."""
+    if central.memory.promises >= MOST_RETAINED:
+        text = f"{MOST_RETAINED:,} tasks are kept already: release some first"
         raise RequestError(Refusal.OVERLOAD, text)
 
 
 def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
-    """Let *module* keep a task, or the record of one; twice is once."""
+    """Retain a task, or its record, for a module, unless it does so already."""
     assert task is not None
     if task.id in module.keeps:
         return
@@ -57,7 +55,7 @@ def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
 
 
 def release(central: State, task_id: int, module: Module) -> None:
-    """*module* keeps a task no longer."""
+    """Retain a task for a module no longer."""
     if task_id not in module.keeps:
         return
     del module.keeps[task_id]
@@ -71,13 +69,13 @@ def release(central: State, task_id: int, module: Module) -> None:
 
 
 def release_all(central: State, module: Module) -> None:
-    """A module is gone, and keeps nothing."""
+    """Release all tasks of a module that has left."""
     for task_id in list(module.keeps):
         release(central, task_id, module)
 
 
 def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
-    """A task has ended: remember it, if it is kept; else what hangs under it goes, too."""
+    """Record an ended task if it is retained; else drop the records under it."""
     if not keeping.by:
         for record in list(keeping.records.values()):
             _drop(central, record)
@@ -86,20 +84,20 @@ def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
     record.siblings[record.id] = record
     central.memory.kept[record.id] = record
     central.memory.kept_bytes += record.size
-    while central.memory.kept_bytes > central.budget.kept:  # the oldest go first
+    while central.memory.kept_bytes > central.budget.kept:  # drops the oldest first
         _drop(central, next(iter(central.memory.kept.values())))
 
 
 def _drop(central: State, record: KeptTask) -> None:
-    """Forget a record, and all under it."""
+    """Drop a record, and all under it."""
     record.siblings.pop(record.id)
     forgotten = [record]
     while forgotten:
-        one = forgotten.pop()
-        forgotten.extend(one.keeping.records.values())
-        del central.memory.kept[one.id]
-        central.memory.kept_bytes -= one.size
-        for module in one.keeping.by:
-            del module.keeps[one.id]
+        dropped = forgotten.pop()
+        forgotten.extend(dropped.keeping.records.values())
+        del central.memory.kept[dropped.id]
+        central.memory.kept_bytes -= dropped.size
+        for module in dropped.keeping.by:
+            del module.keeps[dropped.id]
             central.memory.promises -= 1
-        central.facts.append(facts.Released(one.id, ""))
+        central.facts.append(facts.Released(dropped.id, ""))

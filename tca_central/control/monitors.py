@@ -1,12 +1,15 @@
 """Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
 
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every
-period. A *demon monitor* has something set up. A module may fire any: a demon monitor acts then,
-others test once more. A condition that holds, or a fire, sends the action under the monitor: with
-the condition's reply as its data, or the monitor's own where the reply is only true. What is
-declared without data gets none. A polling or demon monitor ends after so many actions, so many
-seconds, at a point, and at the latest when its parent waits for nothing else: only one that is sent
-to be waited for keeps it.
+period. A *demon monitor* may send a set-up message, and waits to be fired. Modules may fire all
+kinds: a demon monitor then acts, the others test once more.
+
+When a condition holds, or a demon monitor is fired, the monitor sends its action as its child. The
+action's data are the condition's reply or, if the reply is just true, the monitor's own data. An
+action that is declared without data gets none.
+
+A polling or demon monitor ends after a number of actions, after some seconds, or at a point. It
+ends at the latest when its parent waits for nothing else, unless it was sent to be waited for.
 """
 
 from tca_central.errors import RequestError
@@ -29,21 +32,23 @@ from tca_wire.vocabulary import Due, MessageClass, Outcome, Refusal, Role
 
 FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
 
-_FIRST, _ACTION = 0, 1  # which part of a monitor
+_FIRST, _ACTION = 0, 1  # indices of a monitor's parts
 _ALL_ELSE = "all else under its parent has ended"
 
 
-# --- birth ----------------------------------------------------------------------------------------
+# --- declaration ----------------------------------------------------------------------------------
 
 
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
-    """Raises RequestError if the parts of a monitor don't fit it; *new* are messages declared with
-    it.
-    """
+    """Raise RequestError if a monitor's parts don't fit it; `new` are messages declared with it."""
     message_class = declared.message_class
-    wanted = 0 if not message_class.is_monitor else 2 if message_class.has_condition else 3
+    wanted = 0
+    if message_class.is_monitor:
+        wanted = 2 if message_class.has_condition else 3
     if len(declared.parts) != wanted:
-        text = f"{message_class} '{declared.name}' has {len(declared.parts)} parts: {wanted} are needed"
+        text = (
+            f"{message_class} '{declared.name}' has {len(declared.parts)} parts, and needs {wanted}"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     for number, part in enumerate(declared.parts):
         known = central.registry.messages.get(part)
@@ -66,12 +71,12 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
 
 
 def start(central: State, task: Task) -> None:
-    """Begin to watch: the monitor's turn has come."""
-    watch = _watch(task)
-    if task.returned:  # it was ended before it began
+    """Start to watch: the monitor's turn has come."""
+    watch = _watch_of(task)
+    if task.returned:  # it was ended before it started
         central.agenda.mark_started(task)
         return
-    if watch.is_over:  # it is retried
+    if watch.is_over:  # a retry
         watch = task.watch = Watch(task, watch.options, watch.parts, is_guest=watch.is_guest)
         enlist_monitor(central, task)
     watch.began = watch.since = central.clock.now
@@ -81,7 +86,7 @@ def start(central: State, task: Task) -> None:
     options, message_class = watch.options, task.message.message_class
     if options.duration:
         watch.timers[Due.WATCHED] = central.clock.after(options.duration, Due.WATCHED, watch)
-    if options.until is not None and not _wait_until(central, watch, options.until):
+    if options.until is not None and not _register_end_point(central, watch, options.until):
         return
     if not message_class.has_condition:
         if (set_up := watch.parts[_FIRST]) is not None:
@@ -92,38 +97,35 @@ def start(central: State, task: Task) -> None:
         _test(central, watch)
 
 
-def _watch(task: Task) -> Watch:
+def _watch_of(task: Task) -> Watch:
     assert task.watch is not None
     return task.watch
 
 
-def _wait_until(central: State, watch: Watch, until: Point) -> bool:
-    """Whether the point at which the monitor ends is still to come."""
-    at = central.tree.tasks.get(until.task)
-    if at is None or at.reached & int(until.moment):
+def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
+    """Register the monitor's end point. Return False if that is reached, which ends the monitor."""
+    awaited = central.tree.tasks.get(until.task)
+    if awaited is None or awaited.reached & int(until.moment):
         end_monitor(central, watch, "its end point is reached")
         return False
-    watch.waits_for = at
-    central.agenda.wait(at, int(until.moment), watch)
+    watch.waits_for = awaited
+    central.agenda.wait(awaited, int(until.moment), watch)
     return True
 
 
 def _test_later(central: State, watch: Watch) -> None:
-    """Test again at the next multiple of the period: tests that take too long are not made up
-    for.
-    """
+    """Schedule a test for the next multiple of the period. Missed tests are not made up for."""
     period = watch.options.period
     wait = period - (central.clock.now - watch.since) % period
-    if (
-        wait < period / 1000
-    ):  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+    # This moment is the multiple itself, but for rounding. A wait of 0 would repeat for ever.
+    if wait < period / 1000:
         wait += period
     central.clock.cancel(watch.timers.get(Due.TEST))
     watch.timers[Due.TEST] = central.clock.after(wait, Due.TEST, watch)
 
 
 def on_test(central: State, watch: Watch) -> None:
-    """A polling monitor's period is over. While it is suspended it does not test."""
+    """A polling monitor's period is over. A suspended monitor does not test."""
     if not watch.is_on:
         return
     if watch.condition is not None or watch.task.suspended:
@@ -133,9 +135,10 @@ def on_test(central: State, watch: Watch) -> None:
 
 
 def _test_as_fired(central: State, watch: Watch) -> bool:
-    """Test because somebody has fired the monitor, if that is to be done; its period starts anew.
-    One that polls waits with it until it is resumed, or where its condition can't be asked until
-    its next period.
+    """Test now if a module has fired the monitor; its period starts again. Return whether it tests.
+
+    A suspended polling monitor delays the test until it is resumed. If its condition can't be asked
+    it waits for the next period.
     """
     if not watch.activations or (watch.task.message.is_aside and watch.task.suspended):
         return False
@@ -146,10 +149,8 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
 
 
 def go_on(central: State, task: Task) -> None:
-    """A monitor is resumed: it tests if it was fired meanwhile, as whatever was kept from beginning
-    begins then.
-    """
-    watch = _watch(task)
+    """A monitor is resumed: it tests now if it was fired while suspended."""
+    watch = _watch_of(task)
     if watch.is_on and watch.condition is None:
         _test_as_fired(central, watch)
 
@@ -161,7 +162,7 @@ def _test(central: State, watch: Watch) -> None:
     if task.message.is_aside:
         _test_later(central, watch)
     if why := why_kept_out(central, query, data_for(query, task.body)):
-        if not task.message.is_aside:  # it has no later test to wait for
+        if not task.message.is_aside:  # a point monitor has no later test
             stop_watching(central, watch, "its condition could not be asked")
             text = f"its condition '{query.name}' could not be asked: {why}"
             fail_task(central, task, RaisedFailure(OVERLOAD, text))
@@ -177,8 +178,9 @@ def _test(central: State, watch: Watch) -> None:
 def on_condition_answered(
     central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]
 ) -> None:
-    """Act on a condition's answer; None and False mean that it does not hold. Its failure is the
-    monitor's.
+    """Act on a condition's answer; None and False mean that it does not hold.
+
+    A failure of the condition is the monitor's failure.
     """
     watch.condition = None
     task = watch.task
@@ -219,13 +221,14 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
-    """A module fires a monitor, or all of a message. What does not watch is not fired (TCM: a
-    warning, no effect).
+    """A module fires a monitor, or all monitors of a message.
+
+    Monitors that do not watch are not fired (TCM: a warning, no effect).
     """
     if header.message:
         watches = _watches_of(central, header.message)
     else:
-        watch = _of_request(central, header.monitor)
+        watch = _requested_watch(central, header.monitor)
         watches = [watch] if watch is not None else []
     for watch in watches:
         _check_fire(watch, header.action, body)
@@ -242,7 +245,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
     for watch in watching:
         if not watch.task.message.message_class.has_condition:
             _fire(central, watch, body)
-        elif watch.is_on:  # the failure of one may have ended others
+        elif watch.is_on:  # the failure of an earlier one may have ended this one
             watch.activations += 1
             if watch.condition is None:
                 _test_as_fired(central, watch)
@@ -250,23 +253,22 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
 
 
 def _watches_of(central: State, name: str) -> list[Watch]:
-    """The living monitors of a message. Raises RequestError if it is no monitor."""
+    """The living monitors of a message. Raises RequestError if the message is not a monitor."""
     message = central.registry.messages.get(name)
     if message is None or not message.message_class.is_monitor:
-        text = f"'{name}' is {f'a {message.message_class}' if message else 'not declared'}: only monitors are fired"
+        what = f"a {message.message_class}" if message else "not declared"
+        text = f"'{name}' is {what}: only monitors can be fired"
         raise RequestError(Refusal.UNKNOWN if message is None else Refusal.PROTOCOL, text)
     return [watch for watch in central.watches.values() if watch.task.message is message]
 
 
 def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
-    """Raises RequestError if a monitor has another action than its sender thinks, or can't be fired
-    with such data.
-    """
+    """Raise RequestError if a monitor's action is not `wanted`, or does not accept such data."""
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
         if not wanted:
             return
-        text = f"{task} can't be fired with '{wanted}': it tests its condition then, fire it without a message"
+        text = f"{task} can't be fired with '{wanted}', for it tests its condition: fire it without"
         raise RequestError(Refusal.PROTOCOL, text)
     if not (wanted or body) and action is not None and action.format.data != NO_DATA:
         text = f"{task} can't be fired without data: its action is '{action.name}'"
@@ -280,12 +282,12 @@ def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
         raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
 
 
-def _of_request(central: State, task_id: TaskId) -> Watch | None:
-    """The watch of the monitor of that number; None if it has ended."""
+def _requested_watch(central: State, task_id: TaskId) -> Watch | None:
+    """The watch of a monitor; None if it has ended. Raises RequestError for other tasks."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
         raise RequestError(Refusal.PROTOCOL, f"{task} is not a monitor")
-    return _watch(task) if task is not None else None
+    return _watch_of(task) if task is not None else None
 
 
 # --- the end --------------------------------------------------------------------------------------
@@ -294,8 +296,8 @@ def _of_request(central: State, task_id: TaskId) -> Watch | None:
 def on_end_monitor(
     central: State, connection: Connection, header: headers.EndMonitor, _: bytes
 ) -> None:
-    """A module ends a monitor, also one that does not watch yet."""
-    watch = _of_request(central, header.monitor)
+    """A module ends a monitor, even one that does not watch yet."""
+    watch = _requested_watch(central, header.monitor)
     if watch is None or watch.is_over:
         central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
         return
@@ -304,15 +306,15 @@ def on_end_monitor(
 
 
 def on_watched(central: State, watch: Watch) -> None:
-    """A monitor has watched for as long as it should."""
+    """A monitor has watched for its full duration."""
     end_monitor(central, watch, f"it has watched for {watch.options.duration:g} s")
 
 
 def end_watchers(central: State, task: Task) -> None:
-    """Nothing is left under a task but monitors that it does not wait for."""
+    """A task waits only for monitors that are not waited for: end them."""
     for child in list((task.children or {}).values()) if task.watches_alone else ():
         is_to_begin = child.retrying or not child.reached & START_HANDLING
         if is_to_begin and (child.held or child.suspended):
             kill(central, child, Verdict(_ALL_ELSE))
         else:
-            end_monitor(central, _watch(child), _ALL_ELSE)
+            end_monitor(central, _watch_of(child), _ALL_ELSE)

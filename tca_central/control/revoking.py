@@ -1,9 +1,8 @@
-"""Locks and reservations are revoked: by an operator, or because of a deadlock. Whoever relies on
-one is told.
+"""Revokes locks and reservations for operators or to end deadlocks, and warns their holders.
 
-A handler that runs is told by its module, where it made the lock (claims.take). It fails there with
-"lock lost" unless it sees to that itself. What is *kept*, because the handler has returned, has
-nobody to be told: so the failure is raised on the task.
+The module tells a handler that still runs, where it made the lock. The handler then
+fails with "lock lost" unless it catches that. A handler that has returned can't be told: so the
+failure is raised on the task for which the lock lasts.
 """
 
 from tca_central.failing.failures import raise_failure
@@ -17,7 +16,7 @@ from tca_wire.packets import headers
 
 
 def on_unlock(central: State, connection: Connection, header: headers.Unlock, _: bytes) -> None:
-    """A module frees a resource that any module has."""
+    """A module frees a resource that another module holds."""
     claim = find_resource(central, header.resource, header.module).held_by
     if claim is not None:
         by = f"by module '{connection.module.name}'"
@@ -26,10 +25,10 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 
 
 def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, text: str) -> None:
-    """Take a resource away. If the handler has returned, *failure* is raised on its task."""
+    """Revoke a claim. If its handler has returned, raise `failure` on the task."""
     revoke(central, claim, why, text)
     if (task := keeper_of(claim)) is not None:
-        _warn(
+        _raise_loss(
             central,
             task,
             RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"),
@@ -37,22 +36,18 @@ def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, 
 
 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
-    """A handler has returned without having asked what became of its lock, which its task was to
-    keep.
-    """
+    """Fail a task whose handler returned without noticing that it had lost the task's lock."""
     if text := pop_losses(slot, task):
-        _warn(central, task, RaisedFailure(LOCK_LOST, text))
+        _raise_loss(central, task, RaisedFailure(LOCK_LOST, text))
 
 
 def keeper_of(claim: ModuleClaim) -> Task | None:
-    """The task whose end alone ends a claim: the handler that made it has returned. None if there
-    is no such task.
-    """
+    """The task whose end alone ends a claim; None unless the handler that made it has returned."""
     holder = claim.holder
     return holder if isinstance(holder, Task) and holder.slot is None else None
 
 
-def _warn(central: State, task: Task, failure: RaisedFailure) -> None:
+def _raise_loss(central: State, task: Task, failure: RaisedFailure) -> None:
     knows = task.failure is not None and not task.is_dealt_with
     if not (knows or task.retrying or task.killed):
         raise_failure(central, task, failure)

@@ -1,6 +1,7 @@
-"""Steering of existing tasks: kills now, later or after a point, deadlines, suspension, and
-messages sent when a task is killed. Planned ones are bounded in number, and forgotten when the task
-ends.
+"""Steers existing tasks: kills, deadlines, suspension, and messages sent on termination.
+
+Kills happen at once, later, or after a point. Planned ones are limited in number, and forgotten
+when the task ends.
 """
 
 import msgspec
@@ -24,27 +25,27 @@ from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
 MOST_PENDING = 1000
-"""Kills, deadlines and delays that may lie ahead of one task."""
+"""Kills, deadlines and delays that may be pending for one task."""
 
 LONGEST_PLANNED = 200
-"""Characters of the reason of a kill that lies ahead."""
+"""Characters of the reason of a planned kill."""
 
-MOST_FAREWELLS = 100
-"""Messages that may be kept for the termination of one task."""
+MOST_TERMINATION_MESSAGES = 100
+"""Messages to send on the termination of one task."""
 
 
 def _check_pending(central: State, task: Task) -> None:
-    """Raises RequestError if no more may lie ahead of a task."""
+    """Raise RequestError if no more may be pending for a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
     if task.plans is not None and len(task.plans.pending) >= MOST_PENDING:
         raise RequestError(
             Refusal.OVERLOAD,
-            f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already",
+            f"{MOST_PENDING:,} kills, deadlines and delays are pending for {task} already",
         )
 
 
 def forget_pending(central: State, plans: Plans) -> None:
-    """Cancel what lay ahead of a task that has ended."""
+    """Cancel whatever is pending for a task that has ended."""
     for what, waits_for in plans.pending.items():
         if isinstance(waits_for, Task):
             central.agenda.stop_waiting(waits_for, what)
@@ -57,7 +58,7 @@ def forget_pending(central: State, plans: Plans) -> None:
 
 
 class PendingKill(Stored):
-    """A kill that is carried out when a point is reached, or some time after."""
+    """A kill to carry out when a point is reached, or a delay after that."""
 
     __slots__ = ("delay", "scope", "task", "verdict")
 
@@ -65,22 +66,22 @@ class PendingKill(Stored):
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
     def go_on(self, central: State) -> None:
-        """The point is reached."""
+        """The point is reached: kill at once, or after the delay."""
         if not self.delay:
             self.carry_out(central)
-        elif self._is_there(central):
+        elif self._is_alive(central):
             Plans.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def carry_out(self, central: State) -> None:
-        """It is time."""
+        """Kill the tasks in scope."""
         if self.task.plans is not None:
             self.task.plans.pending.pop(self, None)
-        if self._is_there(central):
+        if self._is_alive(central):
             for task in [self.task] if self.scope is Scope.TASK else self._relatives():
                 kill(central, task, self.verdict)
 
     def _relatives(self) -> list[Task]:
-        """Its children, or its siblings."""
+        """The children, or the siblings."""
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
         return [
@@ -89,20 +90,18 @@ class PendingKill(Stored):
             if child is not self.task and not child.role.survives
         ]
 
-    def _is_there(self, central: State) -> bool:
-        """Whether the task has not ended, perhaps by what let the point be reached."""
+    def _is_alive(self, central: State) -> bool:
+        """Whether the task still lives. The event that reached the point may have ended it."""
         return self.task.id == ROOT or self.task.id in central.tree.tasks
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module ends a task, its descendants or its siblings; now, some time from now, or after a
-    point.
-    """
+    """A module kills a task, its descendants or its siblings: now, later, or after a point."""
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        if (
-            not header.task
-        ):  # it has not come, and never will: it would have come before this; or it was refused
+        # The task was never sent, since its request would have arrived before this one; or it was
+        # refused.
+        if not header.task:
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
@@ -117,26 +116,26 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         task,
         header.scope,
         header.delay,
-        Verdict(_why(header), connection.module.name, central.origin),
+        Verdict(_reason(header), connection.module.name, central.origin),
     )
-    at = central.tree.task(header.after.task) if header.after is not None else None
+    awaited = central.tree.task(header.after.task) if header.after is not None else None
     if (
         header.after is not None
-        and at is not None
-        and not at.reached & checked_moment(header.after)
+        and awaited is not None
+        and not awaited.reached & checked_moment(header.after)
     ):
-        _plan(central, pending, header.after)
-        Plans.of(task).pending[pending] = at
-        central.agenda.wait(at, checked_moment(header.after), pending)
+        _record_plan(central, pending, header.after)
+        Plans.of(task).pending[pending] = awaited
+        central.agenda.wait(awaited, checked_moment(header.after), pending)
     else:
         if header.delay:
-            _plan(central, pending, None)
+            _record_plan(central, pending, None)
         pending.go_on(central)
     central.accept(connection, header.number, header.task)
 
 
-def _why(header: headers.Kill) -> str:
-    """Who has to wait for it says it briefly: nobody counts the bytes of what is planned."""
+def _reason(header: headers.Kill) -> str:
+    """The reason, shortened more if the kill is planned: the budget does not count its bytes."""
     return (
         shortened(header.why, LONGEST_PLANNED)
         if header.delay or header.after
@@ -144,7 +143,7 @@ def _why(header: headers.Kill) -> str:
     )
 
 
-def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
+def _record_plan(central: State, kill: PendingKill, after: Point | None) -> None:
     _check_pending(central, kill.task)
     task, (why, by, *_) = kill.task.id, kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
@@ -154,7 +153,7 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
 
 
 class PendingDeadline(Stored):
-    """A task's point that must be reached in time."""
+    """A deadline for a point of a task."""
 
     __slots__ = ("moment", "seconds", "task")
 
@@ -163,16 +162,14 @@ class PendingDeadline(Stored):
 
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
-    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds*
-    from now.
-    """
+    """Raise the failure "timeout" unless a task reaches `moment` within `seconds` from now."""
     deadline = PendingDeadline(task, moment, seconds)
     Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(task.id, moment, seconds))
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
-    """A deadline is over."""
+    """A deadline has passed."""
     task, moment = deadline.task, deadline.moment
     del Plans.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
@@ -181,7 +178,7 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
-    """A module bounds the time until a point of a task."""
+    """A module limits the time until a point of a task."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     moment = checked_moment(header.point)
     task = central.living(connection, header.number, header.point.task, "no deadline can be set")
@@ -214,7 +211,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
 
 
 def check_farewell(message: MessageType, task_id: int) -> None:
-    """Raises RequestError if that message can't be kept for the termination of that task."""
+    """Raise RequestError if the message can't be sent on the termination of that task."""
     if not (message.message_class.is_task and message.message_class.may_react):
         text = f"{message.title} can't be sent on termination: goals and commands can"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -224,21 +221,23 @@ def check_farewell(message: MessageType, task_id: int) -> None:
 
 
 def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message to be sent when the task is killed. If it was killed already and its handler
-    runs, send it now.
+    """Store a message to send when the task is killed.
+
+    If the task was killed and its handler still runs, send the message now.
     """
     if task.killed and task.slot is None:
-        text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
+        text = (
+            f"{task} was killed and its handler has returned: "
+            f"'{message.name}' is not sent on its termination any more"
+        )
         raise RequestError(Refusal.TOO_LATE, text)
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
         return
     farewells = Plans.of(task).farewells
-    if len(farewells) >= MOST_FAREWELLS:
-        raise RequestError(
-            Refusal.OVERLOAD,
-            f"{MOST_FAREWELLS} messages wait for the termination of {task} already",
-        )
+    if len(farewells) >= MOST_TERMINATION_MESSAGES:
+        text = f"{MOST_TERMINATION_MESSAGES} messages are stored for its termination already"
+        raise RequestError(Refusal.OVERLOAD, f"{task}: {text}")
     farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(task.id, message.name, body))

@@ -1,6 +1,4 @@
-"""Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken
-away again.
-"""
+"""Attaches exception handlers to a task, to a message's tasks or to the root; removes them."""
 
 from tca_central.errors import RequestError, check_name
 from tca_central.model.budget import ATTACHED_BYTES
@@ -16,13 +14,11 @@ from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
 MOST_ATTACHED = 1000
-"""Exception handlers of one task, or of one message."""
+"""Exception handlers of one task or message."""
 
 
 def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
-    """A module attaches an exception handler to a task, to all tasks of a message, or to the
-    root.
-    """
+    """A module attaches an exception handler to a task, to a message's tasks, or to the root."""
     message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:
@@ -36,16 +32,16 @@ def _task_message(central: State, name: str) -> MessageType:
     message = central.registry.messages.get(name)
     if message is None or not message.message_class.is_task:
         what = f"a {message.message_class}" if message else "not declared"
-        text = f"'{name}' is {what}: exception handlers are attached to tasks, or to the messages that become tasks"
+        text = f"'{name}' is {what}: attach exception handlers to tasks, goals and commands"
         raise RequestError(Refusal.UNKNOWN, text)
     return message
 
 
 def check_attachments(central: State, wanted: list[Attachment]) -> None:
-    """Raises RequestError if one of them can't be attached."""
+    """Raise RequestError if one of them can't be attached."""
     if len(wanted) > MOST_ATTACHED:
         raise RequestError(
-            Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed"
+            Refusal.OVERLOAD, f"{len(wanted):,} exception handlers: {MOST_ATTACHED:,} are allowed"
         )
     for attachment in wanted:
         check_name("failure", attachment.failure, or_none=True)
@@ -60,15 +56,16 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
 def attach(
     central: State, wanted: Attachment, place: Task | MessageType, by: Module
 ) -> AttachedHandler:
-    """Attach an exception handler as the newest; the same one of the same module, or of a copy,
-    makes room for it.
+    """Attach an exception handler as the newest of its place.
+
+    It replaces an equal one of the same module, or of a copy of that module.
     """
     check_attachments(central, [wanted])
     others = Recovery.of(place).attached if isinstance(place, Task) else place.attached
-    same = (wanted.failure, wanted.handler, by.called)
-    before = next((one for one in others if (one.failure, one.handler.name, one.by) == same), None)
-    if before is not None:
-        _remove(central, before, by.called)
+    key = (wanted.failure, wanted.handler, by.called)
+    earlier = next((one for one in others if (one.failure, one.handler.name, one.by) == key), None)
+    if earlier is not None:
+        _remove(central, earlier, by.called)
     else:
         central.check_declared(ATTACHED_BYTES)
     if len(others) >= MOST_ATTACHED:
@@ -79,7 +76,7 @@ def attach(
     attached = AttachedHandler(
         central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called
     )
-    copies = before.holders.values() if before is not None else ()
+    copies = earlier.holders.values() if earlier is not None else ()
     attached.holders = {
         one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules
     }
@@ -93,10 +90,11 @@ def attach(
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module removes an exception handler or wiretap of its own; an operator anyone's, and ends
-    monitors.
+    """A module removes its own exception handler or wiretap.
+
+    An operator may remove those of any module (`for_all`), and end monitors.
     """
-    module, gone = connection.module, header.id
+    module, removed = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached, module.name)
     elif (tap := central.taps.get(header.id)) is not None:
@@ -104,14 +102,12 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     elif not (header.for_all and _end_monitor_by_id(central, header.id, module.name)):
-        gone = 0
-    central.accept(connection, header.number, gone)
+        removed = 0
+    central.accept(connection, header.number, removed)
 
 
 def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
-    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task
-    that is none.
-    """
+    """End a monitor. Return False if it has ended already. Raises RequestError for other tasks."""
     task = central.tree.tasks.get(number)
     if task is None:
         return False
@@ -132,6 +128,6 @@ def _remove(central: State, attached: AttachedHandler, by: str) -> None:
 
 
 def forget_task(central: State, task: Task) -> None:
-    """A task has ended, and its attachments are gone."""
+    """Forget the attachments of a task that has ended."""
     for attached in task.attached:
         del central.attached[attached.id]

@@ -1,3 +1,1 @@
-"""The whole state of central as bytes, and central from such bytes: for going on after a
-restart.
-"""
+"""Images: the whole state of central as bytes, from which central continues after a restart."""

@@ -1,11 +1,11 @@
-"""The container of an image: a line that says what it is, the length and check sum of the rest, and
-tables of columns.
+"""The container of an image: a title line, the length and checksum of the content, and its tables.
 
     tca image 2 of 0.1.0
-    length u64, CRC-32 u32, then a MessagePack list of tables, one a class
+    length u64, CRC-32 u32, then a MessagePack list of tables, one per class
 
-Things are numbered in the order in which they stand: plain values that stand among others, then all
-objects, then all values, each after those that it holds. A column of references holds such numbers.
+Things are numbered in the order in which they appear. Plain values in mixed columns come first,
+then objects, then values, each after the values that it contains. A column of references holds such
+numbers.
 """
 
 import struct
@@ -18,25 +18,25 @@ from tca_central.errors import ImageError
 from tca_wire.release import release
 
 FORMAT = 2
-"""The version of how an image is written. What its classes look like the image itself says."""
+"""The version of the container. The image itself lists the attributes of its classes."""
 
 _WORDS = b"tca image "
 _CHECK = struct.Struct(">QI")
 _LONG = 1
-"""The extension type of integers beyond 64 bits."""
+"""The MessagePack extension type of integers beyond 64 bits."""
 _SMALLEST, _LARGEST = -(1 << 63), (1 << 64) - 1
 
 PLAIN = frozenset((type(None), bool, int, float, str, bytes))
 
 
 class Column(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
-    """One attribute of all objects of a class, or what containers hold, one after the other."""
+    """One attribute of all objects of a class, or the contents of all containers of a class."""
 
     values: list[Any]
     refers: bool = False
-    """These are numbers of what is referred to."""
+    """Whether the values are numbers of things."""
     is_common: bool = False
-    """The one value is that of each object of the table."""
+    """Whether the single value is that of each object of the table."""
 
 
 class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
@@ -49,33 +49,31 @@ class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
 
 
 def seal(tables: list[ClassTable]) -> bytes:
-    """An image with these tables."""
+    """Encode an image with these tables."""
     content = msgspec.msgpack.encode(tables)
     title = b"%s%d of %s\n" % (_WORDS, FORMAT, release().encode())
     return title + _CHECK.pack(len(content), zlib.crc32(content)) + content
 
 
 def unseal(data: bytes) -> list[ClassTable]:
-    """The tables of an image. Raises ImageError if it is damaged, or of another format."""
+    """Decode the tables of an image. Raises ImageError if it is damaged or of another format."""
     title, *_ = data[:200].partition(b"\n")
     if not title.startswith(_WORDS):
+        raise ImageError("this is not an image of central's state: it does not start like one")
+    version = title[len(_WORDS) :].decode("ascii", "replace")
+    if version.partition(" ")[0] != str(FORMAT):
         raise ImageError(
-            "this is no image of central's state: its first words are not those of one"
-        )
-    told = title[len(_WORDS) :].decode("ascii", "replace")
-    if told.partition(" ")[0] != str(FORMAT):
-        raise ImageError(
-            f"an image of format {told!r}, and this is tca {release()}, which reads format {FORMAT}: start the other "
-            "version, or go on without the image"
+            f"the image has format {version!r}, and tca {release()} reads format {FORMAT}: "
+            "start the other version, or continue without the image"
         )
     start = len(title) + 1 + _CHECK.size
     if len(data) < start:
-        raise ImageError("the image is cut off: go on with an older one, or without")
+        raise ImageError("the image is cut off: continue with an older one, or without")
     length, check = _CHECK.unpack_from(data, start - _CHECK.size)
     content = memoryview(data)[start:]
     if len(content) != length or zlib.crc32(content) != check:
         what = "cut off" if len(content) < length else "damaged"
-        raise ImageError(f"the image is {what}: go on with an older one, or without")
+        raise ImageError(f"the image is {what}: continue with an older one, or without")
     tables: list[ClassTable] = msgspec.msgpack.decode(
         content, type=list[ClassTable], ext_hook=_read_long
     )
@@ -83,7 +81,7 @@ def unseal(data: bytes) -> list[ClassTable]:
 
 
 def plain_column(values: list[Any], of: int) -> Column:
-    """A column of plain values, in a table of so many objects."""
+    """A column of plain values, in a table of `of` objects."""
     kinds = set(map(type, values))
     if kinds == {int}:
         has_long = _is_long(min(values)) or _is_long(max(values))
@@ -91,14 +89,13 @@ def plain_column(values: list[Any], of: int) -> Column:
         has_long = int in kinds and any(type(one) is int and _is_long(one) for one in values)
     if has_long:
         values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
-    is_common = (
-        len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
-    )  # 0.0 is not -0.0
+    # Not for floats: 0.0 equals -0.0, and is another value.
+    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
     return Column(values[:1] if is_common else values, is_common=is_common)
 
 
 def references(numbers: list[int], of: int) -> Column:
-    """A column of numbers of what is referred to, in a table of so many objects."""
+    """A column of numbers of things, in a table of `of` objects."""
     is_common = _are_all_the_same(numbers, of)
     return Column(numbers[:1] if is_common else numbers, refers=True, is_common=is_common)
 
@@ -112,7 +109,7 @@ def _is_long(number: int) -> bool:
 
 
 def _long(number: int) -> msgspec.msgpack.Ext:
-    """An integer as MessagePack can hold it."""
+    """An integer in a form that MessagePack can hold."""
     return msgspec.msgpack.Ext(
         _LONG, number.to_bytes(number.bit_length() // 8 + 1, "big", signed=True)
     )

@@ -1,4 +1,4 @@
-"""Bytes to central's state: nothing in the bytes is ever run."""
+"""Decodes bytes to central's state. Nothing in the bytes is ever run."""
 
 import gc
 from typing import Any
@@ -8,21 +8,22 @@ from tca_central.errors import ImageError
 from tca_central.image.container import ClassTable, Column, unseal
 from tca_central.image.shapes import ObjectShape, Shape, shape_named
 
-_ADVICE = "start the version that made it, or go on without the image"
+_ADVICE = "start the version that wrote it, or continue without the image"
 _CENTRAL = f"{Central.__module__}.{Central.__name__}"
 
 
 def decode(data: bytes) -> Central:
-    """The central that an image shows. Raises ImageError, with what to do, if it is damaged, or not
-    of this version.
+    """Return the central of an image.
+
+    Raises ImageError, with advice, if the image is damaged or not of this version.
     """
     is_on = gc.isenabled()
-    gc.disable()  # it would look through all again and again, and find nothing
+    gc.disable()  # it would scan all new objects repeatedly, and find no garbage
     try:
         return _central_of(unseal(data), len(data))
     except ImageError:
         raise
-    except Exception as error:  # noqa: BLE001 - bytes that no central wrote may bring about any
+    except Exception as error:  # noqa: BLE001 - bytes that no central wrote may raise any
         raise ImageError(
             f"the image was not written by a central: {type(error).__name__}: {error}"
         ) from None
@@ -33,9 +34,9 @@ def decode(data: bytes) -> Central:
 
 def _central_of(tables: list[ClassTable], size: int) -> Central:
     if sum(table.count for table in tables) > size:
-        raise ValueError("it tells of more objects than its bytes can name")
+        raise ValueError("it declares more objects than its bytes can hold")
     if sum(table.count for table in tables if table.name == _CENTRAL) != 1:
-        raise ValueError("it is not of one central")
+        raise ValueError("it does not hold exactly one central")
     (plain,), *tables = tables[0].columns, *tables[1:]
     things: list[Any] = list(plain.values)
     objects: list[tuple[ObjectShape, ClassTable, list[Any]]] = []
@@ -49,7 +50,7 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
                 table.count, [_values(column, table.count, things) for column in table.columns]
             )
         if len(made) != table.count:
-            raise ValueError(f"{table.name}: {table.count} were told, and there are {len(made)}")
+            raise ValueError(f"{table.name}: {table.count} are declared, and there are {len(made)}")
         things += made
     for shape, table, made in objects:
         shape.fill(made, [_values(column, table.count, things) for column in table.columns])
@@ -59,9 +60,7 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
 
 
 def _shape_of(table: ClassTable) -> Shape:
-    """The shape of a class. Raises ImageError if it is gone, or has other attributes than when the
-    image was made.
-    """
+    """The shape of a class. Raises ImageError if its attributes differ from those in the image."""
     shape, name = shape_named(table.name), table.name.rpartition(".")[2]
     if shape is None:
         raise ImageError(
@@ -69,11 +68,11 @@ def _shape_of(table: ClassTable) -> Shape:
         )
     if tuple(table.fields) == shape.fields:
         return shape
-    gone, new = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)
-    changes = [f"{name} has no {one} any more" for one in sorted(gone)]
-    changes += [f"{name} now has {one}" for one in sorted(new)]
-    what = ", ".join(changes) or f"{name} has its attributes in another order"
-    raise ImageError(f"the image is of another version: {what}: {_ADVICE}")
+    removed, added = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)
+    changes = [f"{name} has no {field} any more" for field in sorted(removed)]
+    changes += [f"{name} now has {field}" for field in sorted(added)]
+    difference = ", ".join(changes) or f"{name} has its attributes in another order"
+    raise ImageError(f"the image is of another version: {difference}: {_ADVICE}")
 
 
 def _values(column: Column, count: int, things: list[Any]) -> list[Any]:

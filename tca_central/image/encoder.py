@@ -1,9 +1,9 @@
-"""Central's state to bytes.
+"""Encodes central's state as bytes.
 
-Theory of operation. From central on all objects are met in rounds, group by group: what has been
-met is taken apart into columns, and what stands in them is met next. So nothing recurses, however
-deep the tree is, and the order follows from the state alone. Then each column is written as it is,
-if it has plain values only, or as the numbers of what it holds.
+The encoder finds all objects in rounds, starting with central, and group by group. It reads the
+attributes of new objects into columns; objects in the columns are those of the next round. Nothing
+recurses, however deep the tree is, and the order depends on the state alone. Then each column is
+written as it is if it has only plain values, else as numbers of things.
 """
 
 from collections.abc import Iterator
@@ -18,37 +18,34 @@ from tca_central.image.container import PLAIN, ClassTable, plain_column, referen
 from tca_central.image.shapes import Shape, ValueShape, group_key, shape_of
 
 LONG = 200
-"""Characters or bytes: longer values are written once, however many objects hold them."""
+"""Characters or bytes: longer values are written once, however many objects share them."""
 
 _TO_NUMBER = frozenset((int, float, str, bytes))
-"""Plain values that get numbers where they stand among objects; the others have theirs."""
+"""Plain values that get numbers in mixed columns; None, False and True have fixed numbers."""
 
 
-def may_be_taken(central: Central) -> bool:
-    """Whether an image can hold the state now: not while a look for deadlocks goes on, which comes
-    to its end.
-    """
+def can_encode(central: Central) -> bool:
+    """Whether an image can hold the state now: not while a search for deadlocks is suspended."""
     return central.scan is None
 
 
 def encode(central: Central) -> bytes:
-    """An image of the whole state, which is not changed. Raises ImageError if an image can't hold
-    it.
+    """Return an image of the whole state, which does not change.
+
+    Raises ImageError if an image can't hold it.
     """
-    if not may_be_taken(central):
+    if not can_encode(central):
         raise ImageError(
-            "a look for deadlocks is under way, which no image can hold: try again after another event"
+            "a search for deadlocks is under way, which no image can hold: try again later"
         )
     encoding = _Encoding()
-    encoding.meet([central])
-    encoding.go_on()
+    encoding.discover([central])
+    encoding.expand()
     return seal(list(encoding.tables()))
 
 
 class _Gathered:
-    """One attribute of all objects of a group, or what containers hold; and the classes of all
-    that.
-    """
+    """The values of one column, and their classes."""
 
     __slots__ = ("kinds", "values")
 
@@ -58,7 +55,7 @@ class _Gathered:
 
     @property
     def is_mixed(self) -> bool:
-        """Whether it is written as references: it has others than plain values, or long ones."""
+        """Whether it is written as references: it has objects or long values."""
         if not self.kinds <= PLAIN:
             return True
         if self.kinds.isdisjoint((str, bytes)):
@@ -72,65 +69,65 @@ class _Gathered:
 
 
 class _Group:
-    """Objects of one class that were met; of containers, those that hold the same."""
+    """Objects of one class; of containers, those with contents of one class."""
 
     def __init__(self, shape: Shape, number: int) -> None:
         self.shape, self.number = shape, number
         self.is_value = isinstance(shape, ValueShape)
         self.things: list[Any] = []
-        self.taken_apart = 0  #: so many of them
+        self.expanded = 0  #: the number of things whose attributes are in the columns
         self.columns = [_Gathered() for _ in shape.fields]
 
 
 class _Encoding:
-    """The objects of a state. They, and what was read of them, live as long as this: so id() tells
-    them apart.
+    """The objects of a state.
+
+    It keeps all objects and their attributes alive, so that id() identifies them.
     """
 
     def __init__(self) -> None:
         self._groups: dict[object, _Group] = {}
         self._group_of: dict[int, _Group] = {}  #: by id() of an object
-        self._plain: list[Any] = [None, False, True]  #: plain values that stand among objects
-        self._numbers = {
-            id(value): number for number, value in enumerate(self._plain)
-        }  #: of all that is referred to
+        self._plain: list[Any] = [None, False, True]  #: plain values in mixed columns
+        #: by id() of a thing
+        self._numbers = {id(value): number for number, value in enumerate(self._plain)}
 
-    def meet(self, values: list[Any]) -> None:
-        """Note which objects are among these."""
+    def discover(self, values: list[Any]) -> None:
+        """Add the new objects among these values to their groups."""
         group_of, groups = self._group_of, self._groups
-        for one in values:
-            if one is not None and id(one) not in group_of and type(one) not in PLAIN:
-                group_of[id(one)] = group = groups.get(group_key(one)) or self._new_group(one)
-                group.things.append(one)
+        for thing in values:
+            if thing is not None and id(thing) not in group_of and type(thing) not in PLAIN:
+                group_of[id(thing)] = group = groups.get(group_key(thing)) or self._new_group(thing)
+                group.things.append(thing)
 
-    def _new_group(self, one: object) -> _Group:
-        shape = shape_of(one)
+    def _new_group(self, thing: object) -> _Group:
+        shape = shape_of(thing)
         if shape is None:
-            kind = type(one).__qualname__
+            kind = type(thing).__qualname__
             raise ImageError(
-                f"{self._way_to(one)} is a {kind}, which is no class of the state: see model/stored.py"
+                f"{self._path_to(thing)} is a {kind}, no class of the state: see model/stored.py"
             )
-        self._groups[group_key(one)] = group = _Group(shape, len(self._groups))
+        self._groups[group_key(thing)] = group = _Group(shape, len(self._groups))
         return group
 
-    def go_on(self) -> None:
-        """Take apart what was met, until nothing new comes."""
+    def expand(self) -> None:
+        """Expand the objects until there are no new ones."""
         while waiting := [
-            group for group in self._groups.values() if group.taken_apart < len(group.things)
+            group for group in self._groups.values() if group.expanded < len(group.things)
         ]:
             for group in waiting:
-                things = group.things[group.taken_apart :]
-                group.taken_apart += len(things)
+                things = group.things[group.expanded :]
+                group.expanded += len(things)
                 for column, values in zip(group.columns, group.shape.read(things), strict=True):
                     column.values += values
                     column.kinds.update(kinds := set(map(type, values)))
                     if not kinds <= PLAIN:
-                        self.meet(values)
+                        self.discover(values)
 
     # --- tables -----------------------------------------------------------------------------------
 
     def tables(self) -> Iterator[ClassTable]:
-        """All that was met: plain values that stand among objects, then objects, then values."""
+        """Yield the tables: plain values in mixed columns, then objects, then values."""
         mixed = [
             column for group in self._groups.values() for column in group.columns if column.is_mixed
         ]
@@ -153,21 +150,21 @@ class _Encoding:
             yield ClassTable(group.shape.name, list(group.shape.fields), size, columns)
 
     def _number_plain(self, columns: list[_Gathered]) -> None:
-        """Number the plain values that stand among others; those that are equal alike."""
+        """Number the plain values in mixed columns; equal values share a number."""
         numbers, known = self._numbers, dict[object, int]()
         for column in columns:
             if column.kinds.isdisjoint(_TO_NUMBER):
                 continue
-            for one in column.values:
-                if type(one) in _TO_NUMBER and id(one) not in numbers:
-                    key = type(one), repr(one) if type(one) is float else one
+            for value in column.values:
+                if type(value) in _TO_NUMBER and id(value) not in numbers:
+                    key = type(value), repr(value) if type(value) is float else value
                     if key not in known:
                         known[key] = len(self._plain)
-                        self._plain.append(one)
-                    numbers[id(one)] = known[key]
+                        self._plain.append(value)
+                    numbers[id(value)] = known[key]
 
     def _values_in_order(self) -> list[_Group]:
-        """The groups of values, each after those of values that it holds."""
+        """The groups of values, each after the groups of values that it contains."""
         sorter = TopologicalSorter[_Group]()
         for group in self._groups.values():
             if group.is_value:
@@ -185,9 +182,10 @@ class _Encoding:
 
     # --- errors -----------------------------------------------------------------------------------
 
-    def _way_to(self, one: object) -> str:
-        """The attribute by which a thing was met, and the containers between:
-        "Connection.outstanding value".
+    def _path_to(self, one: object) -> str:
+        """The path to a thing, for errors: its attribute and the containers between.
+
+        For example "Connection.outstanding value".
         """
         way: list[str] = []
         while len(way) < 9 and (holder := self._holder(one)) is not None:
@@ -197,7 +195,7 @@ class _Encoding:
             way.insert(0, field)
             ends = accumulate(group.columns[0].values)
             one = next(thing for thing, end in zip(group.things, ends, strict=False) if place < end)
-        return " ".join(way) or "what was to be written"
+        return " ".join(way) or "the state"
 
     def _holder(self, one: object) -> tuple[_Group, int, str] | None:
         for group in self._groups.values():

@@ -1,13 +1,12 @@
-"""Shapes: how all objects of a class are taken apart into columns, and made of columns again.
+"""Shapes: how the objects of a class are read into columns, and made from columns again.
 
-A column holds one attribute of all objects of a class, so that next to all work is done by
-functions written in C. An object that may change is made empty, and filled when all others are
-there: so circles, and what several share, come back. A value, which never changes, is made
-complete, after the values that it holds.
+A column holds one attribute of all objects of a class, so that functions written in C do almost all
+the work. A mutable object is made empty, and filled when all others exist. This restores cycles and
+shared objects. A value never changes and is made complete, after the values that it contains.
 
-The attributes of a class are those of its ``__slots__``, the fields of a value those that it
-declares. An image names classes of this program. Only classes of the state are found by such a
-name, among those that are there already: nothing is imported, and nothing in the bytes is run.
+An object has the attributes in its class's ``__slots__``, a value its declared fields. An image
+names classes of this program. Only classes of the state that are loaded already are found by such a
+name: nothing is imported, and nothing in the bytes is run.
 """
 
 import sys
@@ -29,24 +28,21 @@ Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
 NOT_STORED = {"__dict__", "_output_queues", "_outputs", "is_task"}
-"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists
-these, too.
+"""Attributes that ``Central.connect_outputs`` recreates, or that belong to the class.
 
-It gives generic classes an empty ``__dict__``.
+Machine code lists the latter as attributes, too, and gives generic classes an empty ``__dict__``.
 """
 
 LONGEST_RECORD = 8
-"""Tuples that are longer are written as lists are."""
+"""Longer tuples are written like lists."""
 
 _OURS = ("tca_central.", "tca_wire.")
 _ITEMS = "length", "item"
-"""The columns of containers: the first has a row for each, the others for each item of one after
-the other.
-"""
+"""The columns of containers: one row per container in the first, one per item in the second."""
 
 
 class ObjectShape(NamedTuple):
-    """The shape of a class of objects that may change."""
+    """The shape of a class of mutable objects."""
 
     name: str
     fields: tuple[str, ...]
@@ -56,13 +52,13 @@ class ObjectShape(NamedTuple):
 
 
 class ValueShape(NamedTuple):
-    """The shape of a class of values that never change."""
+    """The shape of a class of values, which never change."""
 
     name: str
     fields: tuple[str, ...]
     read: Read
     make: Callable[[int, Columns], list[Any]]
-    """So many values, of these columns."""
+    """Makes a number of values from columns."""
 
 
 Shape = ObjectShape | ValueShape
@@ -72,7 +68,7 @@ Shape = ObjectShape | ValueShape
 
 
 def shape_of(thing: Any) -> Shape | None:
-    """The shape of a thing; None if no image can hold such."""
+    """The shape of a thing; None if no image can hold it."""
     kind: Any = type(thing)
     if kind is tuple and len(thing) <= LONGEST_RECORD:
         return _tuples(len(thing))
@@ -86,20 +82,20 @@ def shape_of(thing: Any) -> Shape | None:
 
 
 def shape_named(name: str) -> Shape | None:
-    """The shape that an image names so; None if this version knows no such class."""
+    """The shape of the class that an image names; None if this version has no such class."""
     if name in _CONTAINERS:
         return _CONTAINERS[name]
     module, _, word = name.rpartition(".")
     kind = getattr(sys.modules.get(module), word, None) if module.startswith(_OURS) else None
     shape = _shape_of_class(kind) if isinstance(kind, type) else None
-    return (
-        shape if shape is not None and shape.name == name else None
-    )  # a module has the classes that it imports, too
+    # The names differ if the module has only imported the class.
+    return shape if shape is not None and shape.name == name else None
 
 
 def group_key(thing: Any) -> object:
-    """The key of those that are written together. Containers go by what they hold: so most columns
-    hold one class.
+    """The key of things that are written together.
+
+    For containers it includes the classes of their contents, so that most columns hold one class.
     """
     kind = type(thing)
     if kind is tuple:
@@ -138,10 +134,10 @@ def attributes_of(kind: type) -> tuple[str, ...]:
 
 
 def _record(name: str, kind: type) -> ObjectShape:
-    """The shape of a class of central."""
+    """The shape of a mutable class of central."""
     if kind.__dictoffset__ and not hasattr(kind, "__mypyc_attrs__"):
         raise ImageError(
-            f"{kind.__name__} has attributes beside those of its __slots__: an image would lose them"
+            f"{kind.__name__} has attributes outside its __slots__: an image would lose them"
         )
     fields = attributes_of(kind)
 
@@ -150,14 +146,14 @@ def _record(name: str, kind: type) -> ObjectShape:
             settings = starmap(
                 setattr, zip(things, repeat(field, len(things)), values, strict=True)
             )
-            deque(settings, maxlen=0)  # does it all
+            deque(settings, maxlen=0)  # runs the iterator in C
 
     empty = partial(kind.__new__, kind) if issubclass(kind, Stored) else kind
     return ObjectShape(name, fields, partial(_attributes, fields), empty, fill)
 
 
 def _listed(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape:
-    """The shape of a class of containers that are filled with a list."""
+    """The shape of a class of containers that a list fills."""
 
     def fill(things: list[Any], columns: Columns) -> None:
         for thing, items in _pieces(things, *columns):
@@ -210,7 +206,7 @@ def _tuples(length: int) -> ValueShape:
 
 
 def _long_tuples(_: int, columns: Columns) -> list[Any]:
-    """Tuples of any length."""
+    """Make tuples of any length."""
     lengths, items = columns
     left = iter(items)
     return [tuple(islice(left, length)) for length in lengths]
@@ -234,9 +230,9 @@ def _items(things: list[Any]) -> Columns:
 def _pieces(
     things: list[Any], lengths: list[int], items: list[Any]
 ) -> Iterator[tuple[Any, list[Any]]]:
-    """Each container that is not empty, with its items."""
+    """Yield each container that is not empty, with its items."""
     if sum(lengths) != len(items):
-        raise ValueError("containers hold more, or less, than there is")
+        raise ValueError("the containers' lengths do not match their items")
     start = 0
     for thing, length in zip(things, lengths, strict=True):
         if length:

@@ -1,3 +1,1 @@
-"""The states of tasks: how they change, who observes them, and what becomes of tasks whose handler
-is busy.
-"""
+"""The states of tasks: changes, observers, and tasks whose handler is busy."""

@@ -1,9 +1,7 @@
-"""What becomes of a task that has to wait because its handler is busy, where the handler says
-so.
-"""
+"""Applies a handler's wishes for tasks that find it busy: queue, reject or pre-empt."""
 
 from tca_central.failing.failures import fail_task, kill
-from tca_central.life_cycles.changes import asked_for
+from tca_central.life_cycles.changes import apply_client_request
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import ModuleResource
 from tca_central.model.tasks import Task, Verdict
@@ -13,7 +11,7 @@ from tca_wire.vocabulary import Busy
 
 
 def on_crowded(central: State, task: Task) -> None:
-    """A task has to wait for a handler that may have wishes about that."""
+    """A task has to wait for a handler, which may have a wish for that case."""
     handlers = task.message.handlers
     if (
         not task.queues
@@ -23,7 +21,7 @@ def on_crowded(central: State, task: Task) -> None:
     ):
         return
     if any(not resource.capacity for resource in task.queues):
-        return  # nobody is there, so nobody is busy
+        return  # a handler without slots is absent, not busy
     if handlers[-1].busy is Busy.REJECT:
         reject(central, task, f"{_named(task.queues[0])} is busy")
         return
@@ -40,14 +38,14 @@ def _named(resource: ModuleResource) -> str:
 
 
 def reject(central: State, task: Task, why: str) -> None:
-    """A task that waits fails: its handler has no time for it."""
+    """Fail a waiting task: its handler has no time for it."""
     central.dispatcher.withdraw(task)
     central.agenda.mark_started(task)
     fail_task(central, task, RaisedFailure(REJECTED, why))
 
 
 def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
-    """The newest goes on: what is handled is cancelled, what waits of its message is rejected."""
+    """Make room for the newest task: cancel running tasks, reject waiting ones of its message."""
     why = f"pre-empted by {newest}"
     for other in [one for one in resource.queued() if isinstance(one, Task) and one is not newest]:
         if other.message is newest.message:
@@ -59,7 +57,7 @@ def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
 
 def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
     if running.above(newest.id) is not None or newest.above(running.id) is not None:
-        return  # its own subtask
+        return  # one is a subtask of the other
     by = newest.sender.module.name if newest.sender is not None else "central"
     cycle = running.message.life_cycle
     if cycle.ends_on_request(running.state):
@@ -68,4 +66,4 @@ def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
     if step is None:
         kill(central, running, Verdict(why, by))
     else:
-        asked_for(central, running, step, by, why)
+        apply_client_request(central, running, step, by, why)

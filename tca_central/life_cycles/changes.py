@@ -1,17 +1,17 @@
-"""Clients and servers take transitions of a task's life cycle. The server is dominant, and central
-decides.
+"""Clients and servers take transitions of a task's life cycle. Central decides conflicts.
 
-Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state gets the next serial
-number, and who wants a change says which number it has seen last. A number that central has not
-given yet means that it has missed changes:
-an error. Where a client has not seen what the server did meanwhile, its change is applied after
-that if the table allows, and else ignored. Where the server has not seen what a client did, its
-change is applied as if it had come first, and then the client's after it, if the table allows; the
-handler was told of that already, and is not again.
+Theory of operation (Lütkebohle et al., 4.5.1). The server is dominant. Each change of a task's
+state gets the next serial number, and a request names the last number that its sender has seen. A
+number that central has not assigned yet means that the sender has missed changes: an error.
 
-What a client asks for is decided by the handler that takes such transitions, and else by these
-defaults: an update kills what is under the task and lets it be handled again with the new goal; a
-cancel kills the task.
+If a client has not seen a change by the server, its request is applied after that change where the
+table allows it, else ignored. If the server has not seen a change by a client, its request is
+applied as if it had come first. The client's request is then applied after it, where the table
+allows that. The handler has been notified of it already, and is not notified again.
+
+A handler that takes such transitions decides about a client's request. Else the defaults decide. An
+update kills the tasks under the task and has it handled again with the new goal. A cancel kills the
+task.
 """
 
 from msgspec.structs import replace
@@ -29,29 +29,31 @@ from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import CENTRAL, Busy, Party, Refusal
 
 MOST_ASKED = 32
-"""Transitions of clients that may wait for the word of a task's handler."""
+"""Requests of clients that may wait for the decision of a task's handler."""
 
 
 def check_wishes(handled: HandlerFormat, declared: MessageFormat) -> None:
-    """Raises RequestError if a handler can't take, or refuse, such transitions."""
+    """Raise RequestError if a handler can't take, or refuse, such transitions."""
     wishes = (*handled.takes, *handled.refuses)
     if not declared.message_class.is_task:
         if wishes or handled.accepts or handled.busy is not Busy.QUEUE:
-            text = f"{declared.message_class} '{declared.name}' is no task: its handler accepts and takes nothing"
+            what = f"{declared.message_class} '{declared.name}'"
+            text = f"{what} is not a task: its handler accepts and takes nothing"
             raise RequestError(Refusal.PROTOCOL, text)
         return
     names = read_life_cycle(declared.life_cycle).names(Party.CLIENT)
     for name in wishes:
         if name not in names:
-            text = f"the handler of '{declared.name}' can't take '{name}': clients take {_listed(names)}"
+            what = f"the handler of '{declared.name}' can't take '{name}'"
+            text = f"{what}: clients take {_listed(names)}"
             raise RequestError(Refusal.PROTOCOL, text)
 
 
 def restart(central: State, task: Task) -> None:
-    """A task goes to a handler once more. One that is to end at a client's request ends instead."""
+    """A task goes to a handler once more. If a client's request is to end it, it ends instead."""
     asked = central.tree.forget_asked(task)
     if task.clients is not None:
-        task.clients.newest = 0  # another run of a handler has seen nothing
+        task.clients.newest = 0  # the next call of a handler has seen no requests
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
     elif task.state != task.message.initial:
@@ -63,14 +65,17 @@ def restart(central: State, task: Task) -> None:
 def on_change_state(
     central: State, connection: Connection, header: ChangeState, body: bytes
 ) -> None:
-    """A client of a task, or its handler, wants its state changed."""
+    """A client of a task, or its handler, requests a change of its state."""
     task = central.living(
         connection, header.number, header.task, f"it can't take '{header.transition}'"
     )
     if task is None:
         return
     if header.serial > task.serial:
-        text = f"{task} has changed {task.serial} times, and the request names change {header.serial}: begin anew"
+        text = (
+            f"{task} has changed {task.serial} times, and the request names change "
+            f"{header.serial}: observe the task again"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     central.check_room(len(body))
     header = replace(header, text=shortened(header.text))
@@ -103,14 +108,14 @@ def _change_by_client(
             raise RequestError(
                 Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already"
             )
-    asked_for(central, task, step, connection.module.name, header.text, body)
+    apply_client_request(central, task, step, connection.module.name, header.text, body)
     central.accept(connection, header.number, task.serial)
 
 
-def asked_for(
+def apply_client_request(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b""
 ) -> None:
-    """A client asks for something: the handler decides, or central for it."""
+    """Apply a client's request: the handler decides, or central for it."""
     handler = task.handler
     is_told = handler is not None and step.name in handler.takes
     if not (is_told or _is_awaited(task, task.state, step.name)):
@@ -118,19 +123,17 @@ def asked_for(
             Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
         )
     source = task.state
-    _take(central, task, step, Party.CLIENT, module, text, body)
+    _apply_step(central, task, step, Party.CLIENT, module, text, body)
     asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
     central.tree.ask(task, asked)
     if is_told:
-        _tell_handler(central, task, asked)
+        _notify_handler(central, task, asked)
     else:
         _decide(central, task, step, asked, central.origin)
 
 
 def decide_instead(central: State, task: Task) -> None:
-    """The handler of a task has returned without a word to what clients want: the defaults
-    decide.
-    """
+    """A task's handler has returned without a decision on clients' requests: apply the defaults."""
     asked = [
         one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)
     ]
@@ -142,47 +145,43 @@ def decide_instead(central: State, task: Task) -> None:
 
 
 def _is_awaited(task: Task, source: str, name: str) -> bool:
-    """Whether the server, or central for it, has to say something to that transition of a
-    client.
-    """
+    """Whether a client's transition needs a decision of the server, or of central for it."""
     cycle = task.message.life_cycle
     target = cycle.steps[source, name].target
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
 
 
-def _tell_handler(central: State, task: Task, asked: ClientRequest) -> None:
+def _notify_handler(central: State, task: Task, asked: ClientRequest) -> None:
     assert task.slot is not None
     header = Requested(task.given_as, asked.name, asked.serial, asked.text)
     central.tell(task.slot, header, asked.body)
 
 
 def tell_again(central: State, task: Task) -> None:
-    """The handler of a task may not have heard what clients have asked for."""
+    """Send a handler the clients' requests again, since it may have missed them."""
     for asked in task.clients.asked if task.clients is not None else ():
         if asked.is_told:
-            _tell_handler(central, task, asked)
+            _notify_handler(central, task, asked)
 
 
 def _decide(
     central: State, task: Task, step: Transition, asked: ClientRequest, origin: int
 ) -> None:
-    """The default, where no handler decides."""
-    if why := _why_refused(central, task, step, asked.source):
+    """Apply the default, since no handler decides."""
+    if why := _refusal_reason(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.forget_asked(task)
         if refusal is not None:
-            _take(central, task, refusal, Party.CENTRAL, "", why)
+            _apply_step(central, task, refusal, Party.CENTRAL, "", why)
     elif step.effect is Effect.NEW_GOAL:
-        _take_goal(central, task, asked.body)
+        _accept_goal(central, task, asked.body)
         retry_task(central, task, asked.body, asked.module)
     elif task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by([asked], asked.module)._replace(origin=origin))
 
 
-def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
-    """The reason why a request is refused in the name of the task's handler; "" if it is
-    granted.
-    """
+def _refusal_reason(central: State, task: Task, step: Transition, source: str) -> str:
+    """The reason why central refuses a request for the handler; "" if it grants the request."""
     handlers = task.message.handlers
     handler = task.handler or (
         handlers[-1] if handlers and source != task.message.initial else None
@@ -204,13 +203,13 @@ def _why_refused(central: State, task: Task, step: Transition, source: str) -> s
     return "" if is_known else f"the handler of '{task.message.name}' knows no '{step.name}'"
 
 
-def _take_goal(central: State, task: Task, goal: bytes) -> None:
-    """The new goal is the task's from now on."""
+def _accept_goal(central: State, task: Task, goal: bytes) -> None:
+    """Replace the task's goal, and grant the update if the life cycle has a transition for that."""
     central.tree.forget_asked(task)
     _set_goal(central, task, goal)
     grant = task.message.life_cycle.grant(task.state)
     if grant is not None:
-        _take(central, task, grant, Party.CENTRAL, "", "it begins anew with the new goal")
+        _apply_step(central, task, grant, Party.CENTRAL, "", "it starts again with the new goal")
 
 
 # --- the server's ---------------------------------------------------------------------------------
@@ -222,11 +221,11 @@ def _change_by_server(
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
     asked = task.clients.asked if task.clients is not None else []
-    unseen = [one for one in asked if one.serial > seen]
+    unseen = [request for request in asked if request.serial > seen]
     step, overtaken = cycle.step(task.state, name, Party.SERVER), False
     if unseen and (step is None or step.effect is not Effect.RESULT):
-        before = cycle.step(unseen[0].source, name, Party.SERVER)
-        step, overtaken = (before, True) if before is not None else (step, False)
+        earlier_step = cycle.step(unseen[0].source, name, Party.SERVER)
+        step, overtaken = (earlier_step, True) if earlier_step is not None else (step, False)
     if step is None:
         _refuse(task, name, Party.SERVER)
         if task.clients is not None and seen < task.clients.newest:  # a client was first
@@ -243,8 +242,8 @@ def _change_by_server(
     _apply(central, task, step, connection.module.name, header.text, body, seen)
     if overtaken:
         central.tree.forget_asked(task, unseen.__contains__)
-        for one in unseen:
-            _apply_again(central, task, one)
+        for request in unseen:
+            _apply_again(central, task, request)
     _answer(central, connection, header, task.serial)
 
 
@@ -256,29 +255,28 @@ def _answer(central: State, connection: Connection, header: ChangeState, serial:
 def _apply(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes, seen: int
 ) -> None:
-    """The server's transition, and what it means for what clients have asked for."""
+    """Apply the server's transition, and its effect on clients' requests."""
     if step.effect is Effect.RESULT:
         central.tree.forget_asked(
             task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name)
         )
         central.tree.set_progress(task, body)
-        _take(central, task, step, Party.SERVER, module, text, body)
+        _apply_step(central, task, step, Party.SERVER, module, text, body)
         return
     asked = central.tree.forget_asked(task)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
-        if goal := body or (
-            goals[-1] if goals else b""
-        ):  # the server may have made another one of it
+        # The server may have changed the goal.
+        if goal := body or (goals[-1] if goals else b""):
             _set_goal(central, task, goal)
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return
-    _take(central, task, step, Party.SERVER, module, text, body)
+    _apply_step(central, task, step, Party.SERVER, module, text, body)
 
 
 def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
-    """A client's request that the server had not seen comes after what that did."""
+    """Apply a client's request after a change by the server, which had not seen the request."""
     step = (
         None if task.killed else task.message.life_cycle.step(task.state, asked.name, Party.CLIENT)
     )
@@ -286,12 +284,12 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
         central.facts.append(facts.Ignored(asked.module, _too_late(task, asked.name)))
     else:
         source = task.state
-        _take(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
+        _apply_step(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
         central.tree.ask(task, asked._replace(source=source))
 
 
 def _wanted_by(asked: list[ClientRequest], module: str) -> Verdict:
-    """The end of a task, as a client wants it."""
+    """The verdict for a task that clients asked to end."""
     text, by = (asked[-1].text, asked[-1].module) if asked else ("", module)
     return Verdict(text or "a client cancels it", by)
 
@@ -304,7 +302,7 @@ def _set_goal(central: State, task: Task, goal: bytes) -> None:
 # --- both -----------------------------------------------------------------------------------------
 
 
-def _take(
+def _apply_step(
     central: State,
     task: Task,
     step: Transition,
@@ -322,7 +320,7 @@ def _take(
 
 
 def _refuse(task: Task, name: str, by: Party) -> None:
-    """Raise RequestError if the table has no such transition for them at all."""
+    """Raise RequestError if the table has no such transition for that party at all."""
     cycle = task.message.life_cycle
     if name not in cycle.names(by):
         others = [
@@ -331,7 +329,8 @@ def _refuse(task: Task, name: str, by: Party) -> None:
             if party is not by and name in cycle.names(party)
         ]
         hint = f", it is the {others[0]}'s" if others else ""
-        text = f"a {by} can't take '{name}' of {task}{hint}: {cycle} has {_listed(cycle.names(by))} for it"
+        names = _listed(cycle.names(by))
+        text = f"a {by} can't take '{name}' of {task}{hint}: {cycle} has {names} for it"
         raise RequestError(Refusal.UNKNOWN, text)
 
 

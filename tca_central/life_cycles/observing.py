@@ -1,6 +1,4 @@
-"""Observers are told of each change of a task's state; those who come late, first how things
-stand.
-"""
+"""Observers get each change of a task's state; late observers first get the current states."""
 
 from collections.abc import Iterable
 
@@ -21,23 +19,23 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
-"""Tasks of which an observer who comes late is told."""
+"""Tasks of which a late observer gets the current state."""
 MOST_LOOKED_AT = 100_000
-"""Tasks that are looked at for that."""
+"""Tasks that are searched for these."""
 
 
 def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
-    """A module wants to be told of states. It is told how things stand; then an answer without a
-    body says that what comes now is news.
+    """A module wants to observe states.
+
+    It gets the current states, then an answer without a body, then each change.
     """
     observation = Observation(connection, header)
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
-        _tell_end(central, connection, header)
+        _answer_ended(central, connection, header)
         return
-    if (
-        header.below and central.tree.task(header.below) is None
-    ):  # nothing stands under it, and nothing will
+    # There will be no task under one that has ended.
+    if header.below and central.tree.task(header.below) is None:
         central.tell(connection, Answer(header.number, more=True))
         central.send(connection, header.number, Answer(header.number))
         return
@@ -45,20 +43,20 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     connection.outstanding[header.number] = observation
     central.observers.add(observation)
     for task in late:
-        central.tell_observer(observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
+        central.tell_observer(observation, msgspec.msgpack.encode(_current_state(task)), task.state)
     observation.told += 1
     central.tell(connection, Answer(header.number, more=True))
 
 
 def begin_observers_wait(central: State, observation: Observation) -> None:
-    """Whoever observes does nothing, as far as is known, until there is news."""
+    """Record that an observer, as far as central knows, only waits for the next change."""
     if not observation.is_awaited:
         observation.is_awaited = True
         central.facts.append(facts.WaitBegan(*observation.wait))
 
 
 def _living(central: State, observation: Observation) -> list[Task]:
-    """The tasks that it is about. Raises RequestError if there are too many of them."""
+    """The observed tasks that live. Raises RequestError if there are too many."""
     tree = central.tree
     if observation.task_id:
         return [tree.tasks[observation.task_id]]
@@ -79,8 +77,8 @@ def _living(central: State, observation: Observation) -> list[Task]:
     raise RequestError(Refusal.OVERLOAD, text)
 
 
-def _tell_end(central: State, connection: Connection, header: Observe) -> None:
-    """The task to be observed has ended: tell how."""
+def _answer_ended(central: State, connection: Connection, header: Observe) -> None:
+    """Answer the observer of a task that has ended with its outcome."""
     result, failure, text, body = central.memory.known_outcome(header.task)
     kept = central.memory.kept.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
@@ -93,7 +91,7 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
         cycle.done if result.lets_go_on else cycle.cancelled,
         "",
         Party.SERVER,
-        text=_why(failure, text),
+        text=_failure_text(failure, text),
         goal=goal,
         data=body,
         is_late=True,
@@ -104,11 +102,11 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     central.send(connection, header.number, Answer(header.number))
 
 
-def _why(failure: str, text: str) -> str:
+def _failure_text(failure: str, text: str) -> str:
     return f"{failure}: {text}" if failure and text else failure or text
 
 
-def _as_it_stands(task: Task) -> StateChange:
+def _current_state(task: Task) -> StateChange:
     progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
         TaskId(int(task.id)),
@@ -124,7 +122,7 @@ def _as_it_stands(task: Task) -> StateChange:
 
 
 def tell_end(central: State, task: Task) -> None:
-    """A task has ended: its last state is that of its outcome."""
+    """Send observers the last state of a task that has ended, which follows from its outcome."""
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
     end_state = cycle.done if outcome.lets_go_on else cycle.cancelled
@@ -132,4 +130,6 @@ def tell_end(central: State, task: Task) -> None:
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
-    central.tell_observers(task, transition, by, "", _why(failure, text), body, outcome=outcome)
+    central.tell_observers(
+        task, transition, by, "", _failure_text(failure, text), body, outcome=outcome
+    )

@@ -1,11 +1,10 @@
-"""Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource,
-ReserveResource).
+"""Locks and reservations: a module has a resource to itself for a while.
 
-A claim waits in the resource's queue like a message, until nobody is in the resource; resources.py
-has the order. It ends when it is given up; when what it was made for has ended, fails, is killed or
-retried; with its connection; or when an operator, or a deadlock, takes it away. Once the handler
-that made it has returned it is *kept*: others then wait for the end of the task, which may need
-them.
+A claim waits in the resource's queue like a message, until the resource is empty; resources.py
+defines the order. A claim ends when its module releases it, and when its task or message ends,
+fails, is killed or is retried. It also ends with its connection, and when an operator or a deadlock
+revokes it. Once the handler that made it has returned, the claim is *kept*. Other claims then wait
+for the end of the task, which may need them. (TCA 8.5: LockResource, ReserveResource.)
 """
 
 from tca_central.errors import RequestError
@@ -61,13 +60,10 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of that module if one is named. Raises RequestError if it is not
-    clear which.
-    """
+    """The resource of that name, of `module` if not "". Raises RequestError unless it is unique."""
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    found = {
-        one.called: one.resources[name] for one in modules if module in ("", one.called)
-    }  # the newest's
+    # If several runs of a module have it, the newest.
+    found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
     found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
         whose = f"module '{module}'" if module else "no module"
@@ -76,7 +72,7 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
     if len(found) > 1:
         owners = ", ".join(f"'{resource.module}'" for resource in found.values())
         raise RequestError(
-            Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is"
+            Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': name the module, too"
         )
     return next(iter(found.values()))
 
@@ -86,13 +82,13 @@ def _checked_holder(central: State, connection: Connection, origin: int) -> Deli
         return None
     delivery = central.dispatcher.running.get(origin)
     if delivery is None or delivery.slot is not connection:
-        text = f"delivery {origin}, for which module '{connection.module.name}' wants a resource, is not handled there"
-        raise RequestError(Refusal.TOO_LATE, text)
+        what = f"delivery {origin}, for which module '{connection.module.name}' wants a resource"
+        raise RequestError(Refusal.TOO_LATE, f"{what}, is not handled there")
     return delivery
 
 
 def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
-    """Raises RequestError if whoever asks would wait for himself, or too many wait."""
+    """Raise RequestError if the claim would wait for its own holder, or if too many claims wait."""
     held_by = resource.held_by
     if (
         held_by is not None
@@ -102,16 +98,17 @@ def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
         kind = "reserved" if held_by.admits_owner else "locked"
         raise RequestError(
             Refusal.PROTOCOL,
-            f"resource '{resource.name}' is {kind} for this one already: release it",
+            f"resource '{resource.name}' is {kind} already by the same holder: release it",
         )
     if len(resource.claims) >= MOST_CLAIMS:
         raise RequestError(
-            Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'"
+            Refusal.OVERLOAD,
+            f"{MOST_CLAIMS:,} claims wait to lock or reserve resource '{resource.name}'",
         )
 
 
 def tell_granted(central: State, claim: ModuleClaim) -> None:
-    """A claim has got its resource: tell the claimant."""
+    """A claim has got its resource: notify its module."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
     if claim.slot.outstanding.pop(claim.number, None) is not None:
@@ -122,13 +119,13 @@ def tell_granted(central: State, claim: ModuleClaim) -> None:
 
 
 def on_time_out(central: State, claim: ModuleClaim) -> None:
-    """A claim has waited long enough."""
+    """A claim has waited for its full timeout."""
     text = why_not_granted(central, claim)
     _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
 
 
 def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str) -> None:
-    """A claim waits in vain: tell the claimant."""
+    """Refuse the request for a claim that can never be granted."""
     _fail(central, claim, text, Refused(claim.number, refusal, text))
 
 
@@ -145,36 +142,32 @@ def give_up_claim(central: State, connection: Connection, number: int, why: str)
 
 
 def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
-    """A task or message has ended, or its handler has failed: end its claims."""
+    """End the claims of a task or message that has ended, or whose handler has failed."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
             _end(central, claim, f"{delivery.message.title}: {how}")
         else:
-            refuse_claim(central, claim, Refusal.TOO_LATE, f"what it was wanted for: {how}")
+            refuse_claim(central, claim, Refusal.TOO_LATE, f"the message it was for: {how}")
 
 
 def end_claims_of_killed(central: State, task: Delivery) -> None:
-    """End a killed task's claims, but for those held by a running handler: what leaves things safe
-    must get in.
-    """
+    """End a killed task's claims, except of a running handler: termination messages need them."""
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
-            refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
+            refuse_claim(central, claim, Refusal.TOO_LATE, "the task it was for was killed")
         elif task.slot is None:
             _end(central, claim, f"{task.message.title} was killed")
 
 
 def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
-    """Take a resource away, and tell the handler or client that counts on it, again when it
-    reconnects.
-    """
+    """Revoke a claim, and notify its handler or client, also after a reconnection."""
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
-        _note_loss(claim.slot, claim, text)
+        _record_loss(claim.slot, claim, text)
         central.tell(claim.slot, headers.Taken(claim.number, text))
 
 
-def _note_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
+def _record_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
     delivery = claim.holder.given_as if claim.holder is not None else 0
     slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.lost_claims) > MOST_CLAIMS:
@@ -182,7 +175,7 @@ def _note_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
 
 
 def pop_losses(slot: Connection, delivery: Delivery) -> str:
-    """The claims that an ended handler lost without learning of it, in words ("": none)."""
+    """The claims that an ended handler lost without noticing, in words ("": none)."""
     if not slot.lost_claims:
         return ""
     numbers = [
@@ -193,9 +186,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """A handler has returned without releasing its claims: they now last until its task ends or is
-    handled again.
-    """
+    """Suspect claims of a deadlock once their handler has returned, since they outlast it."""
     if central.claimed_for:
         central.suspects.extend(
             claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted
@@ -203,17 +194,15 @@ def suspect_kept_claims(central: State, delivery: Delivery) -> None:
 
 
 def end_claims_of_connection(central: State, connection: Connection) -> None:
-    """A connection is gone: end its claims."""
+    """End the claims of a closed connection."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
         if claim.is_granted:
-            _note_loss(connection, claim, "the connection to central was lost")
-        _end(central, claim, f"module '{connection.module.name}' has gone")
+            _record_loss(connection, claim, "the connection to central was lost")
+        _end(central, claim, f"module '{connection.module.name}' left")
 
 
 def end_claims_on_module(central: State, module: Module, why: str) -> None:
-    """A module is gone: nobody has or wants its resources any more, but for those that other copies
-    of it have, too.
-    """
+    """End the claims on a disconnected module's resources, except on those with other copies."""
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
             central.dispatcher.to_offer.append((copy, None))
@@ -222,7 +211,7 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
         for one in central.claims.values()
         if module.resources.get(one.resource.name) is one.resource
     ]:
-        text = f"module '{module.name}' has gone: {why}"
+        text = f"module '{module.name}' left: {why}"
         if claim.is_granted:
             revoke(central, claim, text, text)
         else:
@@ -235,8 +224,8 @@ def _end(central: State, claim: ModuleClaim, why: str) -> None:
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
     holder = claim.holder
-    if holder is not None and (mine := central.claimed_for.get(holder)) is not None:
-        mine.remove(claim)
-        if not mine:
+    if holder is not None and (claims := central.claimed_for.get(holder)) is not None:
+        claims.remove(claim)
+        if not claims:
             del central.claimed_for[holder]
     central.facts.append(facts.ClaimEnded(claim.id, why))

@@ -1,3 +1,1 @@
-"""Messages that central sends itself: copies for many handlers, its own messages, notices,
-routes.
-"""
+"""Messages that central sends itself: copies for many handlers, its own, notices, routes."""

@@ -1,7 +1,7 @@
 """Waits until messages are handled, and notices when that changes.
 
-A message is handled as long as a handler of it has a slot to be called in; ``MessageType.serving``
-counts those.
+A message is handled as long as one of its handlers has a slot; ``MessageType.serving`` counts the
+slots.
 """
 
 from collections.abc import Iterable
@@ -26,15 +26,16 @@ MOST_AWAITED = 1000
 def on_wait_until_handled(
     central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes
 ) -> None:
-    """A module waits until somebody handles all messages that it needs."""
+    """A module waits until all messages that it needs are handled."""
     if len(header.messages) > MOST_AWAITED:
-        text = f"{len(header.messages)} messages in one wait: {MOST_AWAITED} are allowed, send several requests"
+        number = f"{len(header.messages):,}"
+        text = f"{number} messages in one wait: {MOST_AWAITED:,} are allowed, send several requests"
         raise RequestError(Refusal.OVERLOAD, text)
     known = central.registry.messages
     for name in header.messages:
         if name not in known:
             raise RequestError(
-                Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first"
+                Refusal.UNKNOWN, f"message '{name}' is not declared: register it first"
             )
     messages = [known[name] for name in dict.fromkeys(header.messages)]
     central.check_declared(presence_size(messages))
@@ -45,53 +46,51 @@ def on_wait_until_handled(
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(*_as_fact(wait)))
-    central.block(
-        connection, header.number, header.origin, brief=True
-    )  # no deadlock: somebody may come
+    # Brief, so no deadlock: another module may still join.
+    central.block(connection, header.number, header.origin, brief=True)
     if wait.promised:
-        _warn_of_circle(central, wait)
+        _warn_of_cycle(central, wait)
 
 
-def _warn_of_circle(central: State, newest: PresenceWait) -> None:
-    """Warn modules that wait for each other. Nothing is refused: another module may still come."""
-    left = {
+def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
+    """Warn modules that wait for each other. The waits stay: another module may still join."""
+    remaining = {
         wait: None for message in central.registry.messages.values() for wait in message.awaited_by
     }
     promisers: dict[str, list[PresenceWait]] = {}
-    for wait in left:
+    for wait in remaining:
         for name in wait.promised:
             promisers.setdefault(name, []).append(wait)
-    # Until only those are left of which each waits for what only others of them will handle.
+    # Narrow the waits down to those whose messages only other modules with such waits will handle.
     while len(
-        stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}
-    ) < len(left):
-        left = dict.fromkeys(stuck)
-    circle: dict[PresenceWait, str] = {}
-    while newest in stuck and newest not in circle:
+        stuck := {wait: by for wait in remaining if (by := _promise(wait, promisers, remaining))}
+    ) < len(remaining):
+        remaining = dict.fromkeys(stuck)
+    cycle: dict[PresenceWait, str] = {}
+    while newest in stuck and newest not in cycle:
         message, following = stuck[newest]
         module, other = newest.connection.module.name, following.connection.module.name
-        circle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
+        cycle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
         newest = following
-    text = f"modules require each other: {'; '.join(circle.values())}: so none of them begins, unless another comes"
-    for wait in circle:
+    needs = "; ".join(cycle.values())
+    text = f"modules require each other: {needs}: none of them starts, unless another module joins"
+    for wait in cycle:
         central.tell(wait.connection, Answer(wait.number, text=text, more=True))
 
 
-def _held_by(
-    wait: PresenceWait, promisers: dict[str, list[PresenceWait]], among: Iterable[PresenceWait]
+def _promise(
+    wait: PresenceWait, promisers: dict[str, list[PresenceWait]], waits: Iterable[PresenceWait]
 ) -> tuple[str, PresenceWait] | None:
-    """A message that a wait is for and nobody handles, and one who promises it, where all who do
-    are *among* these.
-    """
+    """A message of a wait and the wait that promises it, if only waits in `among` promise it."""
     for message in wait.messages:
         others = promisers.get(message.name, ())
-        if others and not message.serving and all(other in among for other in others):
+        if others and not message.serving and all(other in waits for other in others):
             return message.name, others[0]
     return None
 
 
 def end_presence_wait(central: State, wait: PresenceWait) -> None:
-    """All are handled, or nobody waits for that any more."""
+    """End a wait: all its messages are handled, or its module waits no longer."""
     wait.end()
     central.budget.awaited -= wait.size
     central.facts.append(facts.WaitEnded(*_as_fact(wait)))
@@ -103,9 +102,7 @@ def _as_fact(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
 
 
 def tell_changes(central: State) -> None:
-    """Tell whoever wants to know which messages are handled by more or fewer than before the
-    event.
-    """
+    """End waits and send notices for messages whose number of slots the event has changed."""
     changed = [
         (message, before)
         for message, before in central.dispatcher.changed.items()

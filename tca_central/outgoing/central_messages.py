@@ -1,6 +1,4 @@
-"""Messages that central makes itself, notices among them; copies for many handlers; and the
-suspension of handlers.
-"""
+"""Messages that central makes itself, including notices; copies for many handlers; suspension."""
 
 from collections.abc import Callable
 
@@ -20,7 +18,7 @@ from tca_wire.vocabulary import CENTRAL, Dropping, Role
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
-    """A delivery of the same message, for one of those who handle it."""
+    """A delivery of the same message for another handler."""
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
     copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
     copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
@@ -29,7 +27,7 @@ def copy_of(central: State, original: Delivery) -> Delivery:
 
 
 def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
-    """One delivery for each handler that has somebody to handle it."""
+    """One delivery for each handler with a slot."""
     targets = [
         handler.resource for handler in original.message.handlers if handler.resource.capacity
     ]
@@ -37,9 +35,7 @@ def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleRes
 
 
 def route_statement(central: State, original: Delivery) -> None:
-    """Send an inform on its way to its handler, or a broadcast to every handler. Too much of it is
-    dropped.
-    """
+    """Route an inform to its handler, or a broadcast to all. Drop it where there is no room."""
     message = original.message
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
@@ -49,24 +45,20 @@ def route_statement(central: State, original: Delivery) -> None:
         else:
             central.dispatcher.route(delivery, *targets)
     if not for_each:
-        central.facts.append(dropped_fact(original, "nobody listens"))
+        central.facts.append(dropped_fact(original, "it has no handler"))
 
 
 def why_kept_out(
     central: State, message: MessageType, body: bytes, *targets: ModuleResource
 ) -> str:
-    """The reason why no more messages of a type (for *targets* only) are let in; "" if there is
-    room.
-    """
+    """The reason why a message (for `targets` only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
     return central.why_no_room(len(body))
 
 
 def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> str:
-    """The reason why an inform, or a broadcast at all who handle it, would be dropped; "" if
-    somebody has room.
-    """
+    """The reason why all handlers would drop an inform or broadcast; "" if one would not."""
     if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
         return why
     is_full = central.dispatcher.is_full
@@ -89,8 +81,17 @@ def make_task(
     context: Context | None = None,
     prepare: Callable[[Task], None] = lambda _: None,
 ) -> Task:
-    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above
-    it. *prepare* is called with it before it is in the tree.
+    """Make a task under `parent` that waits for no constraint of the tasks above it.
+
+    Args:
+        central: The state.
+        message: The task's message.
+        body: The task's data.
+        parent: The task above it.
+        role: Why central makes it.
+        about: The delivery for which it is sent (default: `parent`).
+        context: What the role needs to know later.
+        prepare: Called with the task before it is in the tree.
     """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
@@ -119,9 +120,7 @@ def make_task(
 
 
 def _tap_depth(central: State, about: Delivery, role: Role) -> int:
-    """The tap depth of what central sends for *about*, or for a handler that asks for it just
-    now.
-    """
+    """The tap depth of a message sent for `about`, or for the handler that now makes a request."""
     return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
 
 
@@ -134,14 +133,14 @@ def make_delivery(
     about: Delivery | None,
     context: Context | None = None,
 ) -> Delivery:
-    """A new message that is no task, recorded but not on its way yet."""
-    made = Delivery(central.new_id(), message, body, None)
-    made.role, made.context = role, context
-    made.sent_by = about.sent_by if about is not None else None
-    made.tap_depth = _tap_depth(central, about, role) if about is not None else 0
+    """Make and record a message that is no task, without routing it yet."""
+    delivery = Delivery(central.new_id(), message, body, None)
+    delivery.role, delivery.context = role, context
+    delivery.sent_by = about.sent_by if about is not None else None
+    delivery.tap_depth = _tap_depth(central, about, role) if about is not None else 0
     number = about.message_id if about is not None else 0
     birth = facts.Received(
-        made.id,
+        delivery.id,
         message.name,
         message.message_class,
         CENTRAL,
@@ -154,7 +153,7 @@ def make_delivery(
         number,
     )
     central.facts.append(birth)
-    return made
+    return delivery
 
 
 def make_statement(
@@ -166,14 +165,14 @@ def make_statement(
     about: Delivery | None,
     context: Context | None = None,
 ) -> Delivery:
-    """A new inform or broadcast, on its way to whoever handles it."""
-    made = make_delivery(central, message, body, role, about=about, context=context)
-    route_statement(central, made)
-    return made
+    """Make an inform or broadcast, and route it."""
+    delivery = make_delivery(central, message, body, role, about=about, context=context)
+    route_statement(central, delivery)
+    return delivery
 
 
 def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
-    """Send a notice to all who handle it; where nobody does it is not even recorded."""
+    """Send a notice to all its handlers. Without handlers it is not even recorded."""
     message = central.registry.messages.get(notice.name)
     if message is not None and message.serving:
         make_statement(central, message, notice.encode_data(data), Role.NONE, about=None)
@@ -188,21 +187,19 @@ def make(
     *,
     context: Context | None = None,
 ) -> Delivery:
-    """A new task under *parent* or, if the message is none, a new statement."""
+    """Make a task under `parent` or, if the message does not become a task, a statement."""
     if message.message_class.is_task:
         return make_task(central, message, body, parent, role, context=context)
     return make_statement(central, message, body, role, about=parent, context=context)
 
 
 def data_for(message: MessageType, body: bytes) -> bytes:
-    """The data for a message: none if it is declared without."""
+    """The data for a message: none if the message is declared without data."""
     return NIL if message.format.data == NO_DATA else body
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """The facts of the moments that a new task has reached already, and of a monitor that is waited
-    for, or spared.
-    """
+    """The facts about a new task: reached moments, if it is waited for, if it survives retries."""
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []
@@ -214,14 +211,14 @@ def at_birth(task: Task) -> list[facts.Fact]:
 def suspend(
     central: State, task: Task, *, resume: bool = False, by: str = CENTRAL, at_birth: bool = False
 ) -> None:
-    """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
+    """Suspend or resume a task and all under it. Notify running handlers."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
         central.facts.append(facts.SuspendedOrResumed(task.id, not resume, by))
         if not resume:
             central.tree.suspended.setdefault(task.id, (central.clock.now, by, at_birth))
-    for one in changed:
+    for member in changed:
         if resume:
-            central.tree.suspended.pop(one.id, None)
-        if one.slot is not None:
-            central.tell(one.slot, Suspended(one.given_as, not resume))
+            central.tree.suspended.pop(member.id, None)
+        if member.slot is not None:
+            central.tell(member.slot, Suspended(member.given_as, not resume))

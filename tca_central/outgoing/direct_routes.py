@@ -1,10 +1,12 @@
-"""Routes for messages that go from module to module directly (TCA 8.5: direct connections).
+"""Routes for messages that modules send each other directly (TCA 8.5: direct connections).
 
-Central gives a *route*, the entrances of the slots that may be sent a message, to whoever sends
-such a message through central; as long as that is so, it tells them of every change. A message has
-a route if its newest handler wants it and nothing has to see it on its way: no wiretap, no pending
-limit, no lock, no other handler that shares it. What has been told is only a licence: a sender may
-use central at any time, and does until it has reached an entrance.
+A *route* is the set of entrances of the slots that may get a message directly. A module that sends
+such a message through central gets the route, and from then on every change of it. A message has a
+route if its newest handler wants that and nothing requires central. A wiretap, a pending limit, a
+lock, or another handler in a pool requires central.
+
+A route is only a licence: a sender may use central at any time, and does so until it has reached an
+entrance.
 """
 
 import math
@@ -34,7 +36,7 @@ from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Perm
 
 
 def check_entrance(entrance: Entrance) -> None:
-    """Raises RequestError if modules can't be sent there."""
+    """Raise RequestError if modules can't send messages to that address."""
     is_address = (
         entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
     )
@@ -47,8 +49,9 @@ def check_entrance(entrance: Entrance) -> None:
 
 
 def own_entrance(central: State, header: Hello) -> Entrance | None:
-    """The entrance that a new slot names, unless that is another one's: when this slot went, they
-    would be told that the other one had.
+    """The entrance that a new slot names; None if another slot has it.
+
+    Else the loss of this slot would be reported to the senders as that of the other one.
     """
     wanted = header.entrance
     if wanted is None:
@@ -60,10 +63,11 @@ def own_entrance(central: State, header: Hello) -> Entrance | None:
 
 
 def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
-    """Raises RequestError if messages of that class can't be handled so."""
-    # Tasks belong into the tree, and other messages go to many.
+    """Raise RequestError if messages of that class can't be handled so."""
+    # Central needs tasks for the tree, and distributes messages with several receivers.
     if handled.direct and (message_class.is_task or message_class.fans_out):
-        text = f"{message_class} '{handled.message}' can't be sent directly: only informs and queries can"
+        what = f"{message_class} '{handled.message}'"
+        text = f"{what} can't be sent directly: only informs and queries can"
         raise RequestError(Refusal.PROTOCOL, text)
 
 
@@ -71,7 +75,7 @@ def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
 
 
 def route_of(message: MessageType) -> tuple[Connection, ...]:
-    """The slots that may be sent a message directly; none if it has to go through central."""
+    """The slots that may be sent a message directly; none if it has to pass central."""
     if not message.handlers or message.taps:
         return ()
     newest = message.handlers[-1]
@@ -84,45 +88,41 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
 
 
 def review(central: State, messages: Iterable[MessageType]) -> None:
-    """The handlers, slots or wiretaps of messages have changed: whoever knows their routes learns
-    the new ones.
-    """
+    """Send changed routes to their senders, after handlers, slots or wiretaps have changed."""
     for message in messages:
         if (route := route_of(message)) != message.route:
             message.route = route
             for connection in list(message.senders_told):
-                _say_route(central, connection, message)
+                _send_route(central, connection, message)
 
 
 def review_slots(central: State, slot: Connection) -> None:
-    """A slot of a resource has come or gone."""
+    """Review the routes of a resource's messages after a slot was added or removed."""
     handlers = slot.module.handlers.values()
     review(central, [handler.message for handler in handlers if handler.resource is slot.resource])
 
 
 def review_copies(central: State, resource: Resource[Connection, Delivery]) -> None:
-    """Review the slots of all copies of a resource: a claim on it has come or gone."""
+    """Review the routes of all copies of a resource after a claim on it was made or ended."""
     for copy in resource.copies:
         if (slot := next(iter(copy.slots), None)) is not None:
             review_slots(central, slot)
 
 
 def tell_sender(central: State, connection: Connection, message: MessageType) -> None:
-    """A connection has sent a message through central that has a route: it may do without central
-    from now on.
-    """
+    """Send a message's route to a connection that sends the message, unless it has the route."""
     if connection not in message.senders_told:
         message.senders_told[connection] = None
         connection.routes[message] = None
-        _say_route(central, connection, message)
+        _send_route(central, connection, message)
 
 
-def _say_route(central: State, connection: Connection, message: MessageType) -> None:
+def _send_route(central: State, connection: Connection, message: MessageType) -> None:
     route = message.route
     if connection.resource is not None and any(
         slot.resource is connection.resource for slot in route
     ):
-        route = ()  # a resource handles its own query inside its wait: that needs central
+        route = ()  # a slot handles its resource's own query during its wait: that needs central
     if not all(_may_reach(connection, slot) for slot in route):
         route = ()
     for slot in route:
@@ -139,7 +139,7 @@ def _watch(connection: Connection, slot: Connection) -> None:
 
 
 def forget_sender(connection: Connection) -> None:
-    """Forget the routes of a connection that is gone, or may have missed some."""
+    """Forget the routes of a connection that is closed, or may have missed changes."""
     for message in connection.routes:
         del message.senders_told[connection]
     for slot in connection.watches:
@@ -152,31 +152,29 @@ def forget_sender(connection: Connection) -> None:
 
 
 def _may_reach(connection: Connection, slot: Connection) -> bool:
-    """Whether it may send all that a slot takes directly: the slot does not ask which of that."""
+    """Whether a connection may send all that a slot accepts directly: slots check no rights."""
     rights, handlers = connection.rights, slot.module.handlers.values()
     taken = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
     return rights is None or all(rights.allow(Permission.SEND, name) for name in taken)
 
 
 def _licensed(central: State, connection: Connection, entrance: Entrance) -> Entrance:
-    """An entrance as a sender gets it."""
+    """The entrance with the key for one sender."""
     permissions = central.registry.permissions
     if not connection.licence:
         connection.licence = permissions.new_licence(connection.principal)
         if len(permissions.licences) > MOST_LICENCES:
-            bar(central, [next(iter(permissions.licences))], anew=False)
-    key = licence(entrance.key, _number(central, connection.licence))
+            bar(central, [next(iter(permissions.licences))], renew=False)
+    key = licence(entrance.key, _licence_name(central, connection.licence))
     return Entrance(entrance.endpoint, key, entrance.curve)
 
 
-def _number(central: State, number: int) -> str:
+def _licence_name(central: State, number: int) -> str:
     return f"{central.epoch}.{number}"
 
 
-def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
-    """These licences are not valid any more. Who is connected, and may still send directly, gets
-    another one *anew*.
-    """
+def bar(central: State, numbers: list[int], *, renew: bool = True) -> None:
+    """Invalidate licences. Connected senders get new ones for their routes, if `renew`."""
     if not numbers:
         return
     central.registry.permissions.bar(numbers)
@@ -184,33 +182,33 @@ def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
     connections = list(central.registry.connections.values())
     for slot in connections:
         if slot.entrance is not None:
-            central.tell(slot, Barred([_number(central, number) for number in numbers]))
+            central.tell(slot, Barred([_licence_name(central, number) for number in numbers]))
     for sender in connections:
         if sender.licence in barred:
             sender.licence = 0
-            for message in list(sender.routes) if anew else ():
-                _say_route(central, sender, message)
+            for message in list(sender.routes) if renew else ():
+                _send_route(central, sender, message)
 
 
 def tell_barred(central: State, slot: Connection) -> None:
-    """A slot may not have heard which licences are not valid any more."""
+    """Send a slot all invalid licences, since it may have missed some."""
     if slot.entrance is not None and (barred := central.registry.permissions.barred):
-        central.tell(slot, Barred([_number(central, number) for number in barred]))
+        central.tell(slot, Barred([_licence_name(central, number) for number in barred]))
 
 
 def bar_owners(central: State, principals: Iterable[str]) -> None:
-    """The keys of these are revoked; their connections end next, and get nothing more."""
-    gone = dict.fromkeys(principals)
+    """Invalidate the licences of revoked keys. Their connections end next, and get nothing more."""
+    revoked = dict.fromkeys(principals)
     numbers = [
-        number for number, owner in central.registry.permissions.licences.items() if owner in gone
+        number
+        for number, owner in central.registry.permissions.licences.items()
+        if owner in revoked
     ]
-    bar(central, numbers, anew=False)
+    bar(central, numbers, renew=False)
 
 
 def review_licences(central: State) -> None:
-    """Permissions have changed: only those keep their licences who are here, and may still send all
-    they reach.
-    """
+    """Invalidate the licences of senders that left, or may not use all their routes any more."""
     kept = {
         one.licence: None
         for one in central.registry.connections.values()
@@ -223,37 +221,37 @@ def review_licences(central: State) -> None:
 
 
 def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
-    """A slot is gone, and its routes have been reviewed: who may have sent it queries learns that
-    it answers none.
+    """Report a closed slot to senders that may have sent it queries: it will answer none.
+
+    The routes must have been reviewed before.
     """
     if slot.entrance is not None:
-        gone = EntranceGone(
+        notice = EntranceGone(
             slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost
         )
         for connection in slot.watchers:
             del connection.watches[slot]
-            central.tell(connection, gone)
+            central.tell(connection, notice)
         slot.watchers.clear()
 
 
 def on_watch_entrance(
     central: State, connection: Connection, header: WatchEntrance, _: bytes
 ) -> None:
-    """A sender comes back that has queries open at an entrance."""
-    for (
-        slot
-    ) in central.registry.connections.values():  # seldom: once for each entrance after a break
+    """A sender that has reconnected has queries open at an entrance."""
+    # Rare: once per entrance after a reconnection.
+    for slot in central.registry.connections.values():
         if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
             _watch(connection, slot)
             return
-    central.tell(connection, EntranceGone(header.endpoint, "the module was lost meanwhile"))
+    central.tell(connection, EntranceGone(header.endpoint, "the module was lost in the meantime"))
 
 
 # --- outcomes of direct messages ------------------------------------------------------------------
 
 
 def _check_noted(header: Noted) -> None:
-    """Raises RequestError if a report says what can't be."""
+    """Raise RequestError for impossible values in a report."""
     if len(header.notes) + len(header.losses) > 2 * MOST_NOTES:
         raise RequestError(
             Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several"
@@ -279,7 +277,7 @@ def _check_noted(header: Noted) -> None:
 
 
 def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
-    """A connection reports; the journal has it."""
+    """A connection reports direct messages: record them in the journal."""
     _check_noted(header)
     module, resource = (
         connection.module.name,
@@ -308,7 +306,7 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
 
 
 def _count(central: State, resource: ModuleResource | None, note: Note) -> None:
-    """A direct message counts like one that central delivered."""
+    """Count a direct message like one that central delivered."""
     has_failed = note.outcome is Outcome.FAILED
     if (message := central.registry.messages.get(note.message)) is not None:
         message.delivered += 1

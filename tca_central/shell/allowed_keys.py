@@ -1,8 +1,8 @@
-"""The folder of keys, as central and ``tca keys`` know it: central's own key, and a file for each
-that may connect.
+"""The folder of keys, as central and ``tca keys`` use it.
 
-``central.key`` is central's secret; ``allowed/NAME.pub`` holds the public key of NAME; ``NAME.key``
-is what the program NAME gets. The folder is for its owner only, and no file is ever written over.
+``central.key`` is central's secret; ``allowed/NAME.pub`` holds the public key of the program NAME;
+``NAME.key`` is the file for that program. Only the owner may enter the folder, and no file is
+overwritten.
 """
 
 import logging
@@ -21,35 +21,35 @@ PUBLIC = ".pub"
 
 
 def allowed_folder(folder: Path) -> Path:
-    """The folder with the public keys of those who may connect."""
+    """The folder with the public keys of programs that may connect."""
     return folder / "allowed"
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folders, for their owner only. Raises KeyRefused."""
-    for one in (folder, allowed_folder(folder)):
+    """Make the folders, readable by their owner only. Raises KeyRefused."""
+    for path in (folder, allowed_folder(folder)):
         try:
-            one.mkdir(parents=True, exist_ok=True, mode=0o700)
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
-            raise KeyRefused(f"can't make {one}: {error.strerror}") from None
-        check_folder(one)
+            raise KeyRefused(f"can't make {path}: {error.strerror}") from None
+        check_folder(path)
 
 
 def check_folder(folder: Path) -> None:
-    """Raise KeyRefused if others may change what is in it."""
-    found = folder.stat()
-    if found.st_uid not in (os.getuid(), 0) or stat.S_IMODE(found.st_mode) & 0o077:
+    """Raise KeyRefused if other users may enter the folder."""
+    status = folder.stat()
+    if status.st_uid not in (os.getuid(), 0) or stat.S_IMODE(status.st_mode) & 0o077:
         raise KeyRefused(f"others may enter {folder}, the folder of keys: chmod 700 it")
 
 
 def write_new(
     path: Path, text: str, advice: str = "choose another name, or revoke that key first"
 ) -> None:
-    """Write a file that was not there, for its owner's eyes only. Raises KeyRefused."""
+    """Create a file, readable by its owner only. Raises KeyRefused, also if the file exists."""
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     except FileExistsError:
-        raise KeyRefused(f"{path} is there already: {advice}") from None
+        raise KeyRefused(f"{path} exists already: {advice}") from None
     except OSError as error:
         raise KeyRefused(f"can't write {path}: {error.strerror}") from None
     with os.fdopen(file, "w") as opened:
@@ -59,21 +59,19 @@ def write_new(
 
 
 def own_pair(folder: Path) -> KeyPair:
-    """Central's own key; made if there is none. Raises KeyRefused."""
+    """Central's own key, generated at the first call. Raises KeyRefused."""
     make_folder(folder)
     path = folder / CENTRAL
     if not path.exists():
-        made = new_pair()
-        text = f'# Central\'s own key. Secret: who has it can pass for central.\npublic = "{made.public}"\n'
-        write_new(path, f'{text}secret = "{made.secret}"\n')
-    found = read_secret(path, "public", "secret")
-    return KeyPair(found["public"], found["secret"])
+        pair = new_pair()
+        text = "# Central's own key. Secret: a program that has it can pass for central.\n"
+        write_new(path, f'{text}public = "{pair.public}"\nsecret = "{pair.secret}"\n')
+    fields = read_secret(path, "public", "secret")
+    return KeyPair(fields["public"], fields["secret"])
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
-    """The names of those who may connect, by their public keys. Files that are none are told of in
-    the log.
-    """
+    """The names of programs that may connect, by public key. Logs files without a valid key."""
     names: dict[str, str] = {}
     for path in sorted(allowed_folder(folder).glob(f"*{PUBLIC}")):
         try:
@@ -88,42 +86,42 @@ def names_allowed(folder: Path) -> dict[str, str]:
 
 
 class AllowedKeys:
-    """Those who may connect, as the folder says."""
+    """The keys that may connect, as the folder has them."""
 
     def __init__(self, folder: Path) -> None:
         """Raises KeyRefused."""
         self._folder = folder
-        self._seen = self._state()
-        self.names = names_allowed(
-            folder
-        )  #: by public key; another one each time, so that a thread may read it
+        self._seen = self._folder_state()
+        #: names by public key; replaced as a whole, so that another thread may read it
+        self.names = names_allowed(folder)
 
-    def _state(self) -> tuple[tuple[str, int, int, int], ...]:
-        """What the files look like from outside. That nothing can be seen is a state, too: nobody
-        is allowed.
-        """
+    def _folder_state(self) -> tuple[tuple[str, int, int, int], ...]:
+        """A fingerprint of the files. An unreadable folder is a state, too: no key is allowed."""
         try:
-            with os.scandir(allowed_folder(self._folder)) as found:
-                looks = [(one.name, one.stat()) for one in found]
+            with os.scandir(allowed_folder(self._folder)) as entries:
+                files = [(entry.name, entry.stat()) for entry in entries]
         except OSError:
             return ()
         return tuple(
-            sorted((name, look.st_mtime_ns, look.st_size, look.st_ino) for name, look in looks)
+            sorted(
+                (name, status.st_mtime_ns, status.st_size, status.st_ino) for name, status in files
+            )
         )
 
     def is_known(self, key: str) -> bool:
-        """Whether a key is allowed now; may be asked by any thread."""
+        """Whether a key is allowed now. Any thread may call this."""
         return key in self.names or key in names_allowed(self._folder)
 
-    def look_again(self) -> tuple[list[str], list[str]]:
-        """The names whose keys have come since the last look, and those whose keys have gone, or
-        are others.
+    def refresh(self) -> tuple[list[str], list[str]]:
+        """Return the names whose keys were added and removed since the last call.
+
+        A key that was replaced counts as both.
         """
-        state = self._state()
+        state = self._folder_state()
         if state == self._seen:
             return [], []
-        before, self._seen = self.names, state
-        self.names = now = names_allowed(self._folder)
-        new = [name for key, name in now.items() if before.get(key) != name]
-        gone = [name for key, name in before.items() if now.get(key) != name]
-        return new, gone
+        old_names, self._seen = self.names, state
+        self.names = new_names = names_allowed(self._folder)
+        added = [name for key, name in new_names.items() if old_names.get(key) != name]
+        removed = [name for key, name in old_names.items() if new_names.get(key) != name]
+        return added, removed

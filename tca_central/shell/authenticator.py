@@ -1,8 +1,8 @@
-"""Keys of those who connect over TCP: ZeroMQ asks, at each handshake, whether one is known (ZAP),
-and a thread answers.
+"""Checks the keys of programs that connect over TCP.
 
-Without an answer nobody gets in: the sockets name a domain and enforce it, or ZeroMQ would let
-everybody in. What it lets in is tried before central listens (``try_out``).
+ZeroMQ asks at each handshake whether a key is known (ZAP), and a thread answers. Without an answer
+no program gets in: the sockets name a domain and enforce it, else ZeroMQ would let in every
+program. ``try_out`` checks that before central listens.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from tca_central.shell.log_limit import LogLimit
 DOMAIN = b"tca"
 _ADDRESS = "inproc://zeromq.zap.01"
 _NOT_NOW = b"300"
-_TRIED_WITHIN = 5000  # milliseconds
+_TRIED_WITHIN = 5000  # milliseconds for each step of ``try_out``
 
 log = logging.getLogger("tca.central")
 
@@ -36,7 +36,10 @@ class KeyPair(NamedTuple):
 
 
 def new_pair() -> KeyPair:
-    """A pair that nobody has had before. Its public half looks like no option of a command line."""
+    """Generate a pair of keys.
+
+    The public half never starts with "-", so that no command line takes it for an option.
+    """
     public, secret = zmq.curve_keypair()
     while public.startswith(b"-"):
         public, secret = zmq.curve_keypair()
@@ -44,26 +47,25 @@ def new_pair() -> KeyPair:
 
 
 def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
-    """Let only known keys in, and nobody if they can't be checked; to be done before the socket is
-    bound.
-    """
-    socket.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)  # an empty one would not be enforced
+    """Let only known keys in, and no program if keys can't be checked. Call it before the bind."""
+    socket.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)  # ZeroMQ does not enforce an empty one
     socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
     socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.setsockopt(zmq.CURVE_SECRETKEY, own.secret.encode())
 
 
 class Authenticator:
-    """Answers for the sockets of one context; a packet's ``User-Id`` is the public key it came
-    with.
+    """Answers for the sockets of one context.
+
+    A packet's ``User-Id`` is then the public key of its sender.
     """
 
     def __init__(
         self, context: "zmq.Context[zmq.Socket[bytes]]", is_known: Callable[[str], bool]
     ) -> None:
-        """*is_known* is asked in a thread of its own."""
+        """`is_known` is called in the authenticator's thread."""
         self._is_known = is_known
-        self._tried = ""  #: a key that is let in while that is tried
+        self._tried = ""  #: the key that ``try_out`` lets in while it runs
         self._has_answered = threading.Event()
         self._warned = LogLimit(log)
         self._socket = context.socket(zmq.REP)
@@ -82,7 +84,7 @@ class Authenticator:
         return self._thread.is_alive()
 
     def close(self) -> None:
-        """End: from now on nobody gets in."""
+        """End the thread: from now on no program gets in."""
         with contextlib.suppress(zmq.ZMQError):
             self._ending.send(b"", zmq.DONTWAIT)
         self._thread.join()
@@ -101,15 +103,17 @@ class Authenticator:
             pass
         except Exception:
             log.exception(
-                "nobody can connect any more: the authenticator has failed; start central again"
+                "no program can connect any more: the authenticator has failed; start central again"
             )
         finally:
             self._socket.close(0)
             self._ended.close(0)
 
     def _answer(self, request: list[bytes]) -> list[bytes]:
-        """The answer to a handshake (ZeroMQ RFC 27). No is said as "not now": told "never", libzmq
-        tries no more, and a program whose key is allowed later would have to be started anew.
+        """Answer a handshake (ZeroMQ RFC 27).
+
+        An unknown key gets the status "not now" rather than "never". After "never" libzmq would not
+        try again, and a program whose key is allowed later would have to be restarted.
         """
         version, number, domain, address, _, mechanism, *credentials = request
         is_ours = (version, domain, mechanism) == (b"1.0", DOMAIN, b"CURVE") and len(
@@ -126,9 +130,7 @@ class Authenticator:
         return [b"1.0", number, _NOT_NOW, b"this key is not allowed", b"", b""]
 
     def try_out(self, context: "zmq.Context[zmq.Socket[bytes]]", own: KeyPair) -> None:
-        """See that a known key gets in and another one, which has asked before, does not. Raises
-        CentralError.
-        """
+        """Check that a known key gets in and an unknown one does not. Raises CentralError."""
         known, stranger = new_pair(), new_pair()
         self._tried = known.public
         self._has_answered.clear()
@@ -148,7 +150,7 @@ class Authenticator:
             self._tried = ""
         if gets_in != [True, False]:
             what = "an unknown key was let in" if gets_in[1] else "a known key was not let in"
-            msg = f"keys can't be checked here ({what} when that was tried): see to the installation of pyzmq"
+            msg = f"keys can't be checked here ({what} when tried): check the installation of pyzmq"
             raise CentralError(msg)
 
 
@@ -159,7 +161,7 @@ def _knock(
     pair: KeyPair,
     central: str,
 ) -> "zmq.Socket[bytes]":
-    """Connect with this pair; the socket on which it is said when that is let in."""
+    """Connect with a pair of keys. Return the socket that reports when the handshake succeeds."""
     socket = stack.enter_context(context.socket(zmq.DEALER))
     socket.setsockopt(zmq.LINGER, 0)
     socket.setsockopt(zmq.CURVE_SERVERKEY, central.encode())

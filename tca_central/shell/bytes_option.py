@@ -1,4 +1,4 @@
-"""Numbers of bytes on the command line."""
+"""A number of bytes as a command line option."""
 
 from typing import Any
 
@@ -13,12 +13,12 @@ class Bytes(click.ParamType[int]):
     name = "bytes"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Raises UsageError for what is no number, or too small to work with."""
+        """Raise UsageError for a text that is not a number of bytes, or for too small a number."""
         if isinstance(value, int):
             return value
         digits, unit = value.rstrip("KMGkmg"), value[-1:].upper()
         if not (digits.isascii() and digits.isdigit()) or len(value) - len(digits) > 1:
-            self.fail(f"'{value}' is no number of bytes: give 64M, 2G or the like", param, ctx)
+            self.fail(f"'{value}' is not a number of bytes: give for example 64M or 2G", param, ctx)
         number = int(digits) << {"K": 10, "M": 20, "G": 30}.get(unit, 0)
         if number < LEAST_MEMORY:
             self.fail(f"{value} is too little: give {LEAST_MEMORY >> 20}M or more", param, ctx)

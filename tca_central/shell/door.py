@@ -1,12 +1,13 @@
-"""The door of central's socket: turns newcomers away before file descriptors run out.
+"""The door of central's socket: rejects new connections before file descriptors run out.
 
-libzmq accepts connections by itself, and ends the process when a Unix socket's accept finds no
-descriptor (over TCP it spins instead); an unbind would cut all connections (libzmq #3317). So a
-shut door puts another file in the place of the listening one: its queue is always empty. Whoever
-comes meanwhile is accepted and closed here.
+libzmq accepts connections in a thread of its own. Without a free descriptor a Unix socket's accept
+ends the process (over TCP it spins), and an unbind would cut all connections (libzmq #3317). A shut
+door therefore replaces the listening descriptor by another socket, to which no program connects.
+The door itself then accepts new connections and closes them.
 
-A rush can't outrun it: libzmq stops to accept when a thousand of its events have not been read.
-Where the limit is so low that fewer descriptors can be kept free, half of them are.
+A rush of connections can't outrun the door: libzmq stops accepting once a thousand of its events
+are unread. If the limit is too low to reserve that many descriptors, the door reserves half of
+them.
 """
 
 import contextlib
@@ -24,21 +25,22 @@ from typing import Any
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-MOST_DESCRIPTORS = 1 << 20  # more are of no use
+MOST_DESCRIPTORS = 1 << 20  # more have no use
 _WATCHED = int(
     zmq.EVENT_LISTENING | zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED
 )
 _EVENTS = "inproc://door"
-_RUSH = 1100  # connections that libzmq may accept before their events are read, and some more
-_TURN = 0.001  # seconds
-_LOOK_AGAIN = 1.0  # seconds after which a shut door may be opened
+_RUSH = 1100  # connections that libzmq may accept before their events are read, and a reserve
+_TURN = 0.001  # seconds that a thread may run while others wait
+_CHECK_PERIOD = 1.0  # seconds between checks of whether a shut door can open
 
 log = logging.getLogger("tca.central")
 
 
-def make_room() -> None:
-    """Let this process have as many file descriptors as it may, and its threads take turns often
-    enough to count.
+def raise_descriptor_limit() -> None:
+    """Raise this process's limit of file descriptors, and let its threads alternate often.
+
+    The door's thread must run often enough to count connections in a rush.
     """
     sys.setswitchinterval(_TURN)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -49,15 +51,18 @@ def make_room() -> None:
 
 
 class Door:
-    """Watches a socket, in a thread of its own; to be made before the socket is bound, and opened
-    after that.
+    """Watches a socket in a thread of its own.
+
+    Create it before the socket is bound, and open it after that.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]", closed: Callable[[int], None]) -> None:
-        """*closed* is called, in that thread, when so many connections have closed."""
+        """`closed` is called in that thread, with the number of connections that have closed."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MOST_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
-        self.most = self.limit - min(self.limit // 2, _RUSH)  #: descriptors in use
+        self.shut_at = self.limit - min(
+            self.limit // 2, _RUSH
+        )  #: descriptors in use at which it shuts
         self._closed = closed
         self._socket = socket
         socket.monitor(_EVENTS, _WATCHED)
@@ -65,38 +70,38 @@ class Door:
         self._monitor.setsockopt(zmq.RCVHWM, 1)
         self._monitor.connect(_EVENTS)
         self._is_shut = False
-        self._gate = self._listener = self._placeholder = -1
+        self._accepting = self._listener = self._placeholder = -1
         self._thread = threading.Thread(target=self._watch, name="door", daemon=True)
 
     def open(self) -> None:
-        """Begin. The socket listens by now."""
+        """Start watching. The socket must be bound."""
         while (event := self._event())["event"] != zmq.EVENT_LISTENING:
             pass
-        self._gate = event["value"]  #: the descriptor from which libzmq accepts
-        os.set_blocking(self._gate, False)
-        self._listener, self._placeholder = os.dup(self._gate), _never_called()
+        self._accepting = event["value"]  #: the descriptor from which libzmq accepts
+        os.set_blocking(self._accepting, False)
+        self._listener, self._placeholder = os.dup(self._accepting), _unreachable_socket()
         self._thread.start()
 
     def close(self) -> None:
-        """End, before the socket is closed."""
+        """Stop watching; call this before the socket is closed."""
         self._socket.disable_monitor()
         if self._thread.is_alive():
             self._thread.join()
         self._monitor.close()
         if self._is_shut:
-            self._put(
-                self._listener
-            )  # libzmq ends the process if it can't find again what it listens to
+            # libzmq ends the process if its listening socket is not where it was.
+            self._accept_from(self._listener)
         for file in (self._listener, self._placeholder):
             if file >= 0:
                 os.close(file)
 
-    def _put(self, file: int) -> None:
-        """Have libzmq accept from a file. Its epoll goes on to watch the listening one, which stays
-        open here.
+    def _accept_from(self, file: int) -> None:
+        """Make libzmq accept from a descriptor.
+
+        libzmq's epoll still watches the listening socket, which stays open here.
         """
         if sys.platform == "linux":  # a kqueue would forget it
-            os.dup2(file, self._gate, inheritable=False)
+            os.dup2(file, self._accepting, inheritable=False)
         self._is_shut = file == self._placeholder
 
     def _watch(self) -> None:
@@ -106,16 +111,16 @@ class Door:
             poller.register(
                 self._listener, zmq.POLLIN if self._is_shut and sys.platform == "linux" else 0
             )
-            ready = dict(poller.poll(int(_LOOK_AGAIN * 1000) if self._is_shut else None))
-            if self._monitor in ready and not self._take_events():
+            ready = dict(poller.poll(int(_CHECK_PERIOD * 1000) if self._is_shut else None))
+            if self._monitor in ready and not self._process_events():
                 return
             if self._listener in ready:
-                self._turn_away()
+                self._reject_waiting()
             if self._is_shut:
                 self._open_if_there_is_room()
 
-    def _take_events(self) -> bool:
-        """False: that was all."""
+    def _process_events(self) -> bool:
+        """Process libzmq's events. Return False after the last one."""
         closed = 0
         self._shut_if_full()
         while self._monitor.poll(0):
@@ -132,44 +137,46 @@ class Door:
         return dict(parse_monitor_message(self._monitor.recv_multipart()))
 
     def _shut_if_full(self) -> None:
-        """Quick, since in a rush other threads have Python's lock: a new file gets the lowest
-        number that is free.
+        """Shut the door if the lowest free descriptor, which a new file would get, is at the limit.
+
+        This must be quick: in a rush other threads hold Python's lock.
         """
         lowest = self.limit
         with contextlib.suppress(OSError):
-            lowest = os.dup(self._gate)
+            lowest = os.dup(self._accepting)
             os.close(lowest)
-        if lowest >= self.most and not self._is_shut:
-            self._put(self._placeholder)
+        if lowest >= self.shut_at and not self._is_shut:
+            self._accept_from(self._placeholder)
             log.warning(
-                "takes no more connections: %d of %d file descriptors are in use; end some programs, or start central \
-with a higher limit (ulimit -Hn)",
+                "accepts no more connections: %d of %d file descriptors are in use; "
+                "end some programs, or start central with a higher limit (ulimit -Hn)",
                 lowest,
                 self.limit,
             )
 
     def _open_if_there_is_room(self) -> None:
         used = sum(1 for _ in Path("/dev/fd").iterdir())
-        if used < self.most - self.limit // 16:
-            self._put(self._listener)
+        if used < self.shut_at - self.limit // 16:
+            self._accept_from(self._listener)
             log.warning(
-                "takes connections again: %d of %d file descriptors are in use", used, self.limit
+                "accepts connections again: %d of %d file descriptors are in use", used, self.limit
             )
 
-    def _turn_away(self) -> None:
-        """Close what waits to be accepted."""
+    def _reject_waiting(self) -> None:
+        """Close connections that wait to be accepted."""
+        # an OSError ends the loop: none is left
         with (
             contextlib.suppress(OSError),
             sockets.socket(fileno=os.dup(self._listener)) as listener,
-        ):  # all are gone
+        ):
             while True:
                 listener.accept()[0].close()
 
 
-def _never_called() -> int:
-    """A listening socket that nobody can reach."""
+def _unreachable_socket() -> int:
+    """A listening socket that no program can reach."""
     with tempfile.TemporaryDirectory() as folder, sockets.socket(sockets.AF_UNIX) as listener:
         listener.setblocking(False)
-        listener.bind(str(Path(folder) / "nobody"))
+        listener.bind(str(Path(folder) / "unused"))
         listener.listen()
         return listener.detach()

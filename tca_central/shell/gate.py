@@ -1,9 +1,9 @@
-"""The gate of central's socket: says of each packet who sent it, and turns strangers away.
+"""The gate of central's socket: finds the sender of each packet, and rejects unknown programs.
 
-Over a Unix socket the kernel reports the user of the other end; over TCP the handshake proves a
-key, unless central was told to trust everybody on this computer. Each packet is asked, and not its
-line once: a line's routing id can be that of an earlier one. So a key that is gone has no say from
-the next look on.
+Over a Unix socket the kernel reports the user at the other end. Over TCP the handshake proves a
+key, unless central trusts every program of this computer (--insecure). The gate checks each packet
+rather than each connection, whose routing id may be that of an earlier one. A revoked key therefore
+loses its rights at the next check of the files.
 """
 
 import contextlib
@@ -27,15 +27,14 @@ from tca_wire.keys import keys_folder
 log = logging.getLogger("tca.central")
 
 _REMEMBERED = 10_000  # peers
-_KNOWS_USERS = (
-    sys.platform == "linux"
-)  # elsewhere ZeroMQ may not say: the folder of the socket must be private
+# On other systems ZeroMQ may not report the user: there the socket's folder must be private.
+_KNOWS_USERS = sys.platform == "linux"
 
 
 class Gate:
-    """Lets in this user, over a Unix socket, and whom it is told of."""
+    """Lets in this user's programs, over a Unix socket, and those of users in the permissions."""
 
-    why = "central lets in no programs of other users"  #: for those who are turned away
+    why = "central lets in no programs of other users"  #: the reason for rejected programs
 
     def __init__(
         self, permissions: PermissionsFile | None = None, socket_file: Path | None = None
@@ -44,10 +43,10 @@ class Gate:
         self._socket_file = socket_file
         self._users = {os.getuid(): ""}
         self._listed: list[int] = []
-        self._principals: dict[str, str | None] = {}  #: by what the kernel says of the far end
+        self._principals: dict[str, str | None] = {}  #: by what the kernel reports of the peer
         self._warned = LogLimit(log)
-        self.has_news = False  #: ``news`` has something to tell
-        self._told: set[bytes] = set()  #: lines that were turned away, and know it
+        self.has_changes = False  #: whether ``changes`` has events
+        self._rejected: set[bytes] = set()  #: connections that were told of their rejection
 
     def open(
         self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /
@@ -55,15 +54,13 @@ class Gate:
         """Guard a socket that is not bound yet."""
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Admit no more programs."""
 
-    def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts
-        off.
-        """
+    def changes(self, now: float, central: Central) -> Iterator[Input]:
+        """Yield the events for changed files, and for connections that these cut off."""
         permissions = self._permissions
         if permissions is not None:
-            permissions.look_again()
+            permissions.refresh()
         rules = permissions.rules if permissions is not None else None
         if self._socket_file is not None and (users := users_in(rules or ())) != self._listed:
             self._allow_users(users)
@@ -73,46 +70,45 @@ class Gate:
             )
 
     def _allow_users(self, users: list[int]) -> None:
-        """Let these users in, and no others but the one who runs central."""
+        """Admit the programs of central's user and of the given users, and no others."""
         assert self._socket_file is not None
         self._listed = users
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            self._socket_file.chmod(
-                0o666 if users else 0o700
-            )  # who comes is asked; its folder may be closed to them
+            # The gate checks each packet, so the file may be open; its folder may still be closed.
+            self._socket_file.chmod(0o666 if users else 0o700)
 
-    def is_new(self, line: bytes) -> bool:
-        """Whether a line is turned away for the first time, as far as is remembered."""
-        if line in self._told:
+    def is_first_rejection(self, line: bytes) -> bool:
+        """Whether this is the first rejection of a connection, as far as is remembered."""
+        if line in self._rejected:
             return False
-        if len(self._told) >= _REMEMBERED:
-            self._told.clear()
-        self._told.add(line)
+        if len(self._rejected) >= _REMEMBERED:
+            self._rejected.clear()
+        self._rejected.add(line)
         return True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
-        """Who sent a frame: "" for the user who runs central, None for those who have no say."""
-        peer = _said_of(frame, "Peer-Address")
+        """The sender of a frame: "" for central's user, None for an unknown program."""
+        peer = _frame_property(frame, "Peer-Address")
         try:
             return self._principals[peer]
         except KeyError:
-            return self._meet(peer)
+            return self._identify(peer)
 
-    def _meet(self, peer: str) -> str | None:
+    def _identify(self, peer: str) -> str | None:
         fields = peer.split(":")
         if len(fields) == 4 and fields[1].isdecimal():
             principal = self._users.get(int(fields[1]))
         else:
             principal = None if _KNOWS_USERS else ""
         if principal is None:
-            who = (
+            owner = (
                 f"of user {fields[1]} (process {fields[3]})"
                 if len(fields) == 4
-                else "that does not say whose it is"
+                else "of an unknown user"
             )
-            self._warned.warning(peer, "turned away a program %s", who)
+            self._warned.warning(peer, "rejected a program %s", owner)
         if len(self._principals) >= _REMEMBERED:
             self._principals.clear()
         self._principals[peer] = principal
@@ -120,67 +116,64 @@ class Gate:
 
 
 class OpenGate(Gate):
-    """Lets everybody in: over TCP, for those who trust whoever can reach it."""
+    """Lets in every program: over TCP, where all programs that can reach it are trusted."""
 
     def principal_of(self, _: zmq.Frame) -> str | None:
-        """Everybody counts as the user who runs central."""
+        """Every program counts as one of central's user."""
         return ""
 
 
 class KeyGate(Gate):
-    """Lets those in who have a key that central allows."""
+    """Lets in programs with a key that central allows."""
 
-    why = "central lets in nobody without a key that it allows"
+    why = "central lets in only programs with a key that it allows"
 
     def __init__(self, folder: Path, permissions: PermissionsFile | None = None) -> None:
-        """Keys are in this folder. Raises KeyRefused, or CentralError if there are none."""
+        """The keys are in `folder`. Raises KeyRefused, or CentralError if no key is allowed."""
         super().__init__(permissions)
         self._own: KeyPair = own_pair(folder)
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        self._news: tuple[list[str], list[str]] = (
-            [],
-            [],
-        )  #: names that have come, and gone, and are not told of
+        #: names of keys that were allowed, and revoked, without an event yet
+        self._changes: tuple[list[str], list[str]] = ([], [])
         self._is_first_look = True
-        self._refused: set[str] = set()  #: keys that were allowed, and are no more; or none
+        self._refused: set[str] = set()  #: keys known not to be allowed
         if not self._allowed.names:
-            msg = f"no key is allowed in {folder}, so nobody could connect: make one with 'tca keys new NAME'"
+            msg = (
+                f"no key is allowed in {folder}, so no program could connect: "
+                "make one with 'tca keys new NAME'"
+            )
             raise CentralError(msg)
 
     def open(
         self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]", /
     ) -> None:
-        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked
-        here.
-        """
+        """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked."""
         self._authenticator = Authenticator(context, self._allowed.is_known)
         self._authenticator.try_out(context, self._own)
         guard(socket, self._own)
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Admit no more programs."""
         if self._authenticator is not None:
             self._authenticator.close()
 
     @property
     def is_alive(self) -> bool:
-        """Whether newcomers can get in."""
+        """Whether new connections can get in."""
         return self._authenticator is not None and self._authenticator.is_alive
 
-    def news(self, now: float, central: Central) -> Iterator[Input]:
-        """The events of what has changed in files since the last look, and of whom that cuts
-        off.
-        """
+    def changes(self, now: float, central: Central) -> Iterator[Input]:
+        """Yield the events for changed files, and for connections that these cut off."""
         if self._was_alive and not self.is_alive:
             self._was_alive = False
             log.error(
-                "nobody can connect any more: the authenticator has ended; start central again"
+                "no program can connect any more: the authenticator has ended; start central again"
             )
-        self._look()
-        (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
-        if self._is_first_look:  # keys may have gone while central was away
+        self._refresh_keys()
+        (allowed, revoked), self._changes, self.has_changes = self._changes, ([], []), False
+        if self._is_first_look:  # keys may have been revoked while central was down
             self._is_first_look = False
             revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
         if allowed or revoked:
@@ -191,29 +184,29 @@ class KeyGate(Gate):
             yield ConnectionLost(
                 now, connection.id, f"the key '{connection.principal}' is not allowed any more"
             )
-        yield from super().news(now, central)
+        yield from super().changes(now, central)
 
-    def _look(self) -> None:
-        new, gone = self._allowed.look_again()
-        if new or gone:
-            self._news[0].extend(new)
-            self._news[1].extend(gone)
+    def _refresh_keys(self) -> None:
+        added, removed = self._allowed.refresh()
+        if added or removed:
+            self._changes[0].extend(added)
+            self._changes[1].extend(removed)
             self._refused.clear()
-            self.has_news = True
+            self.has_changes = True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
         """The name of the key that a frame came with."""
-        key = _said_of(frame, "User-Id")
+        key = _frame_property(frame, "User-Id")
         name = self._allowed.names.get(key)
         if name is None and key not in self._refused:
-            self._look()  # it may be so new that only the authenticator knows it
+            self._refresh_keys()  # only the authenticator has seen the newest keys
             if (name := self._allowed.names.get(key)) is None:
                 self._refused.add(key)
         return name
 
 
 def key_owners(central: Central) -> set[str]:
-    """The keys whose owners central knows: they are, or were, connected."""
+    """The keys whose owners are, or were, connected to central."""
     registry = central.registry
     owners = {module.principal for module in registry.modules.values()} | {
         *registry.permissions.licences.values()
@@ -221,10 +214,8 @@ def key_owners(central: Central) -> set[str]:
     return {owner for owner in owners if owner and not owner.startswith("uid:")}
 
 
-def _said_of(frame: zmq.Frame, what: str) -> str:
-    """What ZeroMQ says of the far end of a frame's line; "" of one that speaks ZeroMQ as it was ten
-    years ago.
-    """
+def _frame_property(frame: zmq.Frame, what: str) -> str:
+    """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old."""
     try:
         return str(frame.get(what))
     except zmq.ZMQError:
@@ -232,8 +223,17 @@ def _said_of(frame: zmq.Frame, what: str) -> str:
 
 
 def gate_for(endpoint: str, permissions: Path | None = None, *, insecure: bool) -> Gate:
-    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError,
-    NoHome.
+    """Return the gate for an address.
+
+    Args:
+        endpoint: The address that central binds.
+        permissions: The permissions file, if there is one.
+        insecure: Whether TCP needs no keys.
+
+    Raises:
+        KeyRefused: The folder of keys can't be used.
+        CentralError: No key is allowed, or the permissions file is wrong.
+        NoHome: There is no folder of keys, since the user has no home.
     """
     file = PermissionsFile(permissions) if permissions is not None else None
     if not endpoint.startswith("tcp://"):

@@ -1,8 +1,7 @@
-"""Images of the state, so that neither the log of inputs nor the time of a restart grows with the
-run.
+"""Images of the state, which bound the log of inputs and the time of a restart.
 
-A forked child writes one: central goes on meanwhile. The inputs from then on are in the segment of
-the image's number; what is older than the image before is removed.
+A forked child writes each image, while central continues. Later inputs go to the segment with the
+image's number. Files older than the previous image are removed.
 """
 
 import contextlib
@@ -14,85 +13,86 @@ import warnings
 from pathlib import Path
 
 from tca_central.core import Central
-from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.encoder import can_encode, encode
 from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
-"""Events after which there is a new image: ten thousand are handled again in a second or two, long
-before modules lose patience. Where there are more tasks than that, which make an image dear, it is
-as many events as tasks, up to the most.
+"""Events between two images.
+
+Ten thousand events are handled again in a second or two, long before modules give central up. With
+more tasks than that an image costs more, so there are as many events as tasks, up to the higher
+number.
 """
 
 log = logging.getLogger("tca.central")
 
 
 class Images:
-    """Has an image made when the log of inputs has grown."""
+    """Writes an image whenever the log of inputs has grown enough.
+
+    Args:
+    inputs: The run's log of inputs.
+    facts: The run's journal.
+    known: The number of events in the newest image.
+    kept: The number of its segment of inputs; 0: there is no image.
+    """
 
     def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0, kept: int = 0) -> None:
-        """*known*: the number of events that the newest image has; *kept*: the number of its
-        segment of inputs.
-        """
         self._inputs, self._facts = inputs, facts
         self._known = known
-        self._child = 0  #: the process that writes one
+        self._child = 0  #: the process that writes an image; 0: none
         self._number = 0
         self._path = Path()
-        self._kept = kept  #: the number of the newest image that is there
+        self._kept = kept  #: the number of the newest complete image
 
-    def tend(self, central: Central) -> None:
-        """End of a turn."""
+    def update(self, central: Central) -> None:
+        """At the end of a turn: start an image if one is due, or check on the one being written."""
         if self._child:
-            self._look_after_child()
+            self._reap_child()
         elif (
             central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES
         ):
-            self.take(central)
+            self.start(central)
 
-    def take(self, central: Central) -> None:
-        """Begin an image of the state, and a new segment of inputs with it, if that is possible
-        now. Raises CentralError.
-        """
-        if not may_be_taken(central):
+    def start(self, central: Central) -> None:
+        """Start an image, and a segment of inputs, if possible now. Raises CentralError."""
+        if not can_encode(central):
             return
         self._known = central.events
-        inputs = (
-            self._inputs.hand_over()
-        )  # should the image be damaged, the one before and these lead to the state
+        # If the image is damaged, the previous one and these inputs lead to the same state.
+        inputs = self._inputs.write_now()
         self._number = self._inputs.next_segment(central.clock.now)
-        facts = (
-            self._facts.hand_over()
-        )  # nothing leads to them again when there is an image of what came after them
+        # No input leads to these facts again once an image of a later state exists.
+        facts = self._facts.write_now()
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # the child uses no other thread's locks
+            # Safe with threads: the child uses no lock of another thread.
+            warnings.simplefilter("ignore", DeprecationWarning)
             try:
                 self._child = os.fork()
             except OSError as error:
-                log.warning("no image of the state could be taken: %s", error.strerror)
+                log.warning("no image of the state could be written: %s", error.strerror)
                 return
         if not self._child:
             _write_and_exit(central, self._path, [inputs, facts])
 
     def close(self) -> None:
-        """Wait for the child."""
+        """Wait until the image that is being written is complete."""
         if self._child:
-            self._look_after_child(0)
+            self._reap_child(0)
 
-    def _look_after_child(self, options: int = os.WNOHANG) -> None:
+    def _reap_child(self, options: int = os.WNOHANG) -> None:
         try:
             child, status = os.waitpid(self._child, options)
-        except ChildProcessError:  # whoever started central lets nobody wait for children
+        except ChildProcessError:  # SIGCHLD is ignored, so the exit status is unknown
             child, status = self._child, not self._path.exists()
         if not child:
             return
         self._child = 0
         if status:
             log.warning(
-                "the image of the state that was being taken is not there: its process ended with %d",
+                "an image of the state was not written: its process ended with %d",
                 status,
             )
             return
@@ -107,14 +107,15 @@ def _between(central: Central) -> int:
 
 
 def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
-    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept
-    open. The logs *before* are on the disk before the image is.
+    """In the child: write the image after syncing the logs `before`, then exit.
+
+    The child closes all inherited descriptors, so it keeps no socket or lock of central open.
     """
     status = 1
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)  # it ends soon
+            signal.signal(number, signal.SIG_IGN)  # the child ends soon anyway
         gc.disable()
         for log in before:
             sync_path(log)
@@ -127,7 +128,7 @@ def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
 
 
 def write_image(image: bytes, path: Path) -> None:
-    """Write an image, all or nothing. Raises OSError."""
+    """Write an image completely, or not at all. Raises OSError."""
     draft = path.with_suffix(DRAFT_SUFFIX)
     file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
     data = memoryview(image)
@@ -137,7 +138,7 @@ def write_image(image: bytes, path: Path) -> None:
         os.fsync(file)
         draft.rename(path)
     except OSError:
-        draft.unlink(missing_ok=True)  # what is half written takes room where there is none
+        draft.unlink(missing_ok=True)  # free the disk space of the partial image
         raise
     finally:
         os.close(file)

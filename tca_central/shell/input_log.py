@@ -1,8 +1,7 @@
-"""The log of inputs: all that central was told, as it came, in segments NNNNNNNN.tcai beside the
-journal's.
+"""The log of inputs: what central received, in segments NNNNNNNN.tcai beside the journal's.
 
-An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segment of that number.
-Newest image and the inputs since give the state anew (recovery.py).
+An image of the state, NNNNNNNN.tcas, shows the state at the start of the segment of that number.
+The newest image and the later inputs restore the state (recovery.py).
 """
 
 import contextlib
@@ -31,7 +30,7 @@ BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 def this_boot() -> str:
-    """A name for the time since this machine has started; "" where it has none."""
+    """The id of the running boot of this computer; "" if it has none."""
     try:
         return BOOT.read_text().strip()
     except OSError:
@@ -44,21 +43,21 @@ class Head(msgspec.Struct, frozen=True, array_like=True, tag="inputs"):
     version: int
     epoch: str
     central: str  #: its version
-    is_first: bool  #: of its run, which begins with nothing
+    is_first: bool  #: whether it is its run's first, before which the state is empty
     sync: Sync
     boot: str
-    clock: float  #: of central, at that time
-    wall: float  #: seconds since 1970
-    protocol: int = 0  #: of the packets that the inputs are
+    clock: float  #: central's time when it was written
+    wall: float  #: the same in seconds since 1970
+    protocol: int = 0  #: the protocol version of the logged packets
 
     @property
     def is_readable(self) -> bool:
-        """Whether this version can handle the inputs again."""
+        """Whether this version can replay the inputs."""
         return (self.version, self.protocol) == (INPUT_VERSION, PROTOCOL_VERSION)
 
 
 class Ended(msgspec.Struct, frozen=True, array_like=True, tag="end"):
-    """The last record of a run that ended of its own will."""
+    """The last record of a run that ended regularly."""
 
     why: str
 
@@ -68,12 +67,12 @@ _decode_any = msgspec.msgpack.Decoder(Input | Ended).decode
 
 
 class InputLog(LogWriter):
-    """One run's log of inputs. A segment ends with an image."""
+    """One run's log of inputs. Each image starts another segment."""
 
     longest = float("inf")
 
     def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
-        """*clock*: central's, in a run that goes on; None: it begins."""
+        """`clock`: central's time in a run that continues; None in a new run."""
         self._head = Head(
             INPUT_VERSION,
             epoch,
@@ -88,24 +87,25 @@ class InputLog(LogWriter):
         super().__init__(folder, INPUT_SUFFIX, sync)
 
     def head(self) -> bytes:
-        """Each segment says which run it belongs to."""
+        """The head, which names the segment's run."""
         head = msgspec.structs.replace(self._head, wall=time.time())
         self._head = msgspec.structs.replace(head, is_first=False)
         return framed(_encode(head))
 
     def add(self, event: Input) -> None:
-        """Take an input; ``flush`` writes it."""
-        self.put(framed(_encode(event)))
+        """Append an input; ``flush`` writes it."""
+        self.add_record(framed(_encode(event)))
 
     def next_segment(self, clock: float) -> int:
-        """Begin another segment, at this time of central's; its number. Raises CentralError."""
+        """Start another segment at central's time `clock`; its number. Raises CentralError."""
         self._head = msgspec.structs.replace(self._head, clock=clock)
-        self.turn_over()
+        self.start_segment()
         return self.newest
 
     def remove(self, before: float = math.inf) -> None:
-        """Remove all that this run has *before* a number; without one it can't go on. Raises
-        OSError.
+        """Remove this run's files `before` a number (default: all, so that it can't continue).
+
+        Raises OSError.
         """
         for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
             for path in files_of(self.folder, suffix):
@@ -113,14 +113,15 @@ class InputLog(LogWriter):
                     path.unlink(missing_ok=True)
 
     def end(self, why: str) -> None:
-        """Write the rest, and that it is all."""
-        self.put(framed(_encode(Ended(why))))
+        """Write the rest, and that the run has ended."""
+        self.add_record(framed(_encode(Ended(why))))
         self.close()
 
 
 class InputSegment:
-    """A segment that is read. ``end`` is the place behind the last sound record; ``size`` that of
-    the file.
+    """A segment to read.
+
+    ``end`` is the offset after the last sound record, ``size`` the size of the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -136,27 +137,25 @@ class InputSegment:
 
     @property
     def is_torn(self) -> bool:
-        """Whether what follows the last sound record, if anything does, was being written: no
-        record is in it.
-        """
+        """Whether the bytes after the last sound record hold no record: a write was interrupted."""
         with self.path.open("rb") as stream:
             stream.seek(self.end)
             return not has_record(stream.read())
 
     @property
     def is_empty(self) -> bool:
-        """Whether it has no input, as a start that failed leaves it."""
+        """Whether it has no input: a failed start leaves such a segment."""
         return next(iter(self), None) is None and self.is_torn
 
-    def end_run(self, why: str) -> None:
-        """Write that the run has ended, behind the last sound record. Raises OSError."""
+    def write_end(self, why: str) -> None:
+        """Write after the last sound record that the run has ended. Raises OSError."""
         for _ in self:
             pass
         cut(self.path, self.end)
         append(self.path, framed(_encode(Ended(why))))
 
     def __iter__(self) -> Iterator[Input | Ended]:
-        """Its inputs, up to the first record that is not sound."""
+        """Its inputs, up to the first damaged record."""
         self.end = self._begin
         with self.path.open("rb") as stream:
             stream.seek(self._begin)

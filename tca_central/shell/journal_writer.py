@@ -1,8 +1,7 @@
-"""Writes the journal: a run's facts, in segments 00000001.tcaj, 00000002.tcaj, ... Knows nothing of
-what they mean.
+"""Writes the journal: a run's facts, in segments 00000001.tcaj, 00000002.tcaj, ...
 
-Where earlier runs lie in the folder, its segments have the next numbers; nothing is written to
-theirs.
+The meaning of the facts does not matter here. In a folder with earlier runs, the numbers continue
+after theirs. Nothing is written to their files.
 """
 
 import time
@@ -15,7 +14,15 @@ from tca_wire.release import release
 
 
 class JournalWriter(LogWriter):
-    """One run's journal."""
+    """One run's journal.
+
+    Args:
+    folder: The folder of the run.
+    epoch: The epoch of the run.
+    sync: When records must be on the disk.
+    after: The head of the newest segment, in a run that continues.
+    entry: The last entry, in a run that continues.
+    """
 
     def __init__(
         self,
@@ -26,31 +33,30 @@ class JournalWriter(LogWriter):
         after: Opened | None = None,
         entry: Entry | None = None,
     ) -> None:
-        """*after*: the newest segment of the same run, which goes on with what follows *entry*."""
         self._epoch = epoch
-        self._last = entry or Entry(0, 0.0, [])  # entry
+        self._last = entry or Entry(0, 0.0, [])
         self._began = time.time() - self._last.time
         self._segment = after.segment if after is not None else 0
         super().__init__(folder, SEGMENT_SUFFIX, sync)
 
     def head(self) -> bytes:
-        """Each segment says which journal it belongs to."""
+        """The first entry of a segment, which names the journal."""
         self._segment += 1
         opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, release())
         return record(Entry(self._last.number, self._last.time, [opened]))
 
     def add(self, entry: Entry) -> None:
-        """Take an entry; ``flush`` writes it."""
+        """Append an entry; ``flush`` writes it."""
         self._last = entry
-        self.put(record(entry))
+        self.add_record(record(entry))
 
     def break_off(self, entry_number: int, time_now: float, why: str) -> None:
-        """Write the rest. The run has not ended: it may go on."""
+        """Write the rest, and why central stops. The run has not ended: it may continue."""
         if why and not self.is_broken:
             self.add(Entry(entry_number, time_now, [CentralFailed(why)]))
         self.close()
 
     def end(self, entry_number: int, time_now: float, why: str) -> None:
-        """Write the rest and the end."""
+        """Write the rest, and that the run has ended."""
         self.add(Entry(entry_number, time_now, [Closed(why)]))
         self.close()

@@ -1,4 +1,4 @@
-"""``tca keys``: makes, lists and revokes the keys of those who may connect over a network."""
+"""``tca keys``: makes, lists and revokes the keys of programs that connect over a network."""
 
 import shlex
 from collections.abc import Callable
@@ -36,15 +36,15 @@ _FOLDER = click.option(
 )
 
 
-def _explained(command: Callable[..., None]) -> Callable[..., None]:
+def _with_folder(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
-    def explained(folder: Path | None, **given: Any) -> None:
+    def wrapped(folder: Path | None, **given: Any) -> None:
         try:
             command(folder=folder or keys_folder(), **given)
         except KeyRefused as error:
             raise click.ClickException(str(error)) from None
 
-    return _FOLDER(explained)
+    return _FOLDER(wrapped)
 
 
 @click.group()
@@ -52,7 +52,7 @@ def keys() -> None:
     """Keys for centrals that other machines can reach.
 
     On central's machine: 'tca keys new arm' makes a key, 'tca central --bind tcp://0.0.0.0:5555'
-    asks for it. Copy arm.key to the other machine (with scp) and say 'tca keys use arm.key' there;
+    asks for it. Copy arm.key to the other machine (with scp) and run 'tca keys use arm.key' there;
     or name it in $TCA_KEY.
     """
 
@@ -64,7 +64,7 @@ def keys() -> None:
     metavar="PUBLIC",
     help="For a central elsewhere, by its public key ('tca keys list' there).",
 )
-@_explained
+@_with_folder
 def new(folder: Path, name: str, central: str | None) -> None:
     """Make a key for the program (or person, or machine) NAME, and allow it."""
     check_name(name)
@@ -76,10 +76,16 @@ def new(folder: Path, name: str, central: str | None) -> None:
             f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first"
         )
     pair, path = new_pair(), folder / f"{name}{SUFFIX}"
-    text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
+    lines = (
+        f"# The key of '{name}'. Secret: a program that has it is '{name}'.",
+        f'name = "{name}"',
+        f'public = "{pair.public}"',
+        f'secret = "{pair.secret}"',
+        f'central = "{central or own_pair(folder).public}"',
+    )
     write_new(
         path,
-        f'{text}secret = "{pair.secret}"\ncentral = "{central or own_pair(folder).public}"\n',
+        "".join(f"{line}\n" for line in lines),
         "choose another name, or remove that file of a revoked key",
     )
     click.echo(str(path))
@@ -92,7 +98,7 @@ def new(folder: Path, name: str, central: str | None) -> None:
 @keys.command()
 @click.argument("name")
 @click.argument("public")
-@_explained
+@_with_folder
 def allow(folder: Path, name: str, public: str) -> None:
     """Allow a key that was made elsewhere, by its PUBLIC half."""
     check_name(name)
@@ -103,14 +109,14 @@ def allow(folder: Path, name: str, public: str) -> None:
 
 def _allow(folder: Path, name: str, public: str) -> None:
     if (other := names_allowed(folder).get(public)) is not None:
-        raise KeyRefused(f"that is the key of '{other}': each has one of its own")
+        raise KeyRefused(f"that is the key of '{other}': give each program a key of its own")
     write_new(allowed_folder(folder) / f"{name}{PUBLIC}", f"{public}\n")
 
 
 @keys.command(name="list")
-@_explained
+@_with_folder
 def list_keys(folder: Path) -> None:
-    """The names and public keys that central allows, and its own."""
+    """List central's own public key, and the names and public keys that it allows."""
     own = own_pair(folder)
     rows = [
         ("(central)", own.public),
@@ -123,9 +129,9 @@ def list_keys(folder: Path) -> None:
 
 @keys.command()
 @click.argument("name")
-@_explained
+@_with_folder
 def revoke(folder: Path, name: str) -> None:
-    """Let NAME in no more. A running central cuts its connections within a second."""
+    """Admit NAME no more. A running central cuts its connections within a second."""
     check_name(name)
     path = allowed_folder(folder) / f"{name}{PUBLIC}"
     if not path.exists():
@@ -133,28 +139,29 @@ def revoke(folder: Path, name: str) -> None:
     public = path.read_text().strip()
     path.unlink()
     click.echo(
-        f"'{name}' is let in no more; 'tca keys allow {name} {shlex.quote(public)}' lets it in again"
+        f"'{name}' is revoked; 'tca keys allow {name} {shlex.quote(public)}' allows it again"
     )
     if (secret := folder / f"{name}{SUFFIX}").exists():
         click.echo(
-            f"its key stays in {secret}: remove that file before you make another key for '{name}'"
+            f"its key is still in {secret}: remove that file before you make a key for '{name}'"
         )
 
 
 @keys.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@_explained
+@_with_folder
 def use(folder: Path, file: Path) -> None:
-    """Let programs of this user show the key in FILE, unless $TCA_KEY names another."""
+    """Let programs of this user use the key in FILE, unless $TCA_KEY names another."""
     if not file.exists():
         raise KeyRefused(f"there is no {file}")
     if file.stat().st_mode & 0o077:
-        file.chmod(0o600)  # as scp has left it
+        file.chmod(0o600)  # scp makes it readable by others
     key = read_client_key(file)
     make_folder(folder)
     write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text(), "move it away first")
     click.echo(
-        f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them"
+        f"programs of this user are '{key.name}' from now on; "
+        f"set ${VARIABLE} to use another key for one of them"
     )
 
 

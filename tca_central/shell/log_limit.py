@@ -1,35 +1,34 @@
-"""Keeps a client from filling the log: a warning of one matter is said once in a while, and so many
-lines a second.
-"""
+"""Keeps a client from flooding the log: limits repeated warnings, and the lines per second."""
 
 import logging
 import time
 from collections.abc import Callable
 
 PERIOD = 10.0  # seconds
-_MATTERS = 100
+_MATTERS = 100  # remembered at a time
 
 
 class LogLimit:
-    """Warnings, one a matter and period."""
+    """Warnings, at most one per matter and period."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        self._said: dict[str, float] = {}  #: when last, oldest first
+        self._warned_at: dict[str, float] = {}  #: time of each matter's last warning, oldest first
 
     def warning(self, matter: str, text: str, *values: object) -> None:
-        """Say it, unless that was said lately; where there are too many matters, too."""
+        """Log a warning, unless this matter was warned of lately or there are too many matters."""
         now = time.monotonic()
-        while self._said and now - next(iter(self._said.values())) > PERIOD:
-            del self._said[next(iter(self._said))]
-        if matter not in self._said and len(self._said) < _MATTERS:
-            self._said[matter] = now
+        while self._warned_at and now - next(iter(self._warned_at.values())) > PERIOD:
+            del self._warned_at[next(iter(self._warned_at))]
+        if matter not in self._warned_at and len(self._warned_at) < _MATTERS:
+            self._warned_at[matter] = now
             self._log.warning(text, *values)
 
 
 class LineLimit(logging.Filter):
-    """Lets so many lines a second pass, and all errors; the next line says how many were left
-    out.
+    """Passes a limited number of lines per second, and all errors.
+
+    The next line tells how many were left out.
     """
 
     most = 200
@@ -42,7 +41,7 @@ class LineLimit(logging.Filter):
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a line is to be written."""
+        """Whether a line is logged."""
         if (second := int(self._clock())) != self._second:
             self._second, self._count = second, 0
         self._count += 1

@@ -1,6 +1,4 @@
-"""Lines of the log for people: failures, refusals, losses, comings and goings, monitors that see
-nothing.
-"""
+"""Lines of the log: failures, refusals, losses, modules that join and leave, blind monitors."""
 
 import logging
 from collections.abc import Callable
@@ -13,22 +11,20 @@ from tca_wire.journal import facts
 from tca_wire.text.printable import first_line, printable, shortened
 
 NAMED = 3
-"""So many tasks and messages that failed of one cause are named in a line."""
+"""The number of failed tasks and messages that a line names for one cause."""
 
 
 OFTEN, _MOST_OFTEN = 20, 1000
-"""Attempts after which the log warns, once a task; and how many such tasks are remembered."""
+"""Attempts after which the log warns once per task, and the number of tasks remembered for that."""
 LONGEST_LINE = 2000
-"""Characters of a line. What is cut out is in the journal."""
+"""Characters of a line. The journal has the full text."""
 
 
 class LineFormatter(logging.Formatter):
-    """One line an entry, whatever others have put into names and texts; a traceback has lines of
-    its own.
-    """
+    """Formats a record as one line, whatever its texts contain; a traceback has more lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
-        """The line. Characters that would steer a terminal are written as escapes."""
+        """The line, with escapes for characters that would control a terminal."""
         return shortened(
             printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE
         )
@@ -42,19 +38,17 @@ class LineFormatter(logging.Formatter):
 
 
 class LogLines:
-    """A line for each fact that people should know of."""
+    """Writes a log line for each fact that users must know of."""
 
     def __init__(self, log: logging.Logger, central: Central) -> None:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
-        self._often: set[int] = (
-            set()
-        )  #: tasks of which the log has warned since they are retried often
-        self._unseen: set[str] = (
-            set()
-        )  #: conditions that nobody handles, and of which the log has warned
-        self._ways: dict[type, Callable[[Any, Record], object]] = {
+        #: tasks whose frequent retries were logged
+        self._often: set[int] = set()
+        #: conditions without a handler that were logged
+        self._unseen: set[str] = set()
+        self._writers: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
             facts.LostDirectly: self._lost,
             facts.RequestRefused: self._refused,
@@ -73,16 +67,16 @@ class LogLines:
         }
 
     def write(self, record: Record) -> None:
-        """Write the lines of what has just happened."""
+        """Log what the facts of a record report."""
         for fact in record.entry.facts:
-            if (way := self._ways.get(type(fact))) is not None:
-                way(fact, record)
+            if (writer := self._writers.get(type(fact))) is not None:
+                writer(fact, record)
         if record.failed:
             self._failed(record)
 
     def _joined(self, fact: facts.ModuleJoined, _: Record) -> None:
-        who = f", {fact.principal}" if fact.principal else ""
-        self._log.info("module '%s' joined (%s%s)", fact.module, fact.process, who)
+        owner = f", {fact.principal}" if fact.principal else ""
+        self._log.info("module '%s' joined (%s%s)", fact.module, fact.process, owner)
 
     def _keys(self, fact: facts.KeysChanged, _: Record) -> None:
         for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)):
@@ -91,14 +85,14 @@ class LogLines:
 
     def _permissions(self, fact: facts.PermissionsChanged, _: Record) -> None:
         if fact.rules < 0:
-            self._log.info("no permissions file: whoever gets in may do everything")
+            self._log.info("no permissions file: every program that connects may do everything")
         else:
-            self._log.info("who may do what is said by %s (%d)", fact.source, fact.rules)
+            self._log.info("permissions from %s (%d rules)", fact.source, fact.rules)
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:
             return False
-        self.losses.note(*loss, record.entry.time)
+        self.losses.count(*loss, record.entry.time)
         return True
 
     def _refused(self, fact: facts.RequestRefused, record: Record) -> None:
@@ -106,7 +100,7 @@ class LogLines:
             self._log.warning("refused module '%s': %s", fact.sender, fact.text)
 
     def _failed(self, record: Record) -> None:
-        """A line for each cause: a module that is lost may take many messages along."""
+        """Log each cause once: the loss of a module may fail many messages."""
         causes: dict[tuple[str, str], list[str]] = {}
         for fact in record.entry.facts:
             if isinstance(fact, facts.Failed):
@@ -130,9 +124,9 @@ class LogLines:
     def _queued(self, fact: facts.Queued, _: Record) -> None:
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:
             return
-        what = watch.condition.message.name if watch.condition is not None else ""
-        if what not in self._unseen:
-            self._unseen.add(what)
+        condition = watch.condition.message.name if watch.condition is not None else ""
+        if condition not in self._unseen:
+            self._unseen.add(condition)
             self._log.warning(
-                "%s sees nothing until somebody handles its condition '%s'", watch.task, what
+                "%s sees nothing until a module handles its condition '%s'", watch.task, condition
             )

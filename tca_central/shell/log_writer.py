@@ -1,9 +1,7 @@
-"""Files that are written at the end only: segments NNNNNNNN of one suffix in the folder of a
-journal.
+"""Append-only files: segments NNNNNNNN of one suffix in the folder of a journal.
 
-Three ways of keeping them safe (``Sync``). The routing loop writes once per turn, for all records
-of the turn, before anything that they justify is sent; under ``batch`` another thread asks the disk
-once a second.
+``Sync`` has three ways to keep records safe. The loop writes once per turn, before it sends any
+message that the turn's records justify. With ``batch`` another thread syncs the disk once a second.
 """
 
 import contextlib
@@ -24,23 +22,25 @@ SYNC_PERIOD = 1.0
 LOCK_PATIENCE = 1.0  # seconds
 ASIDE = "-aside"
 WRITE_LATER = 256 << 10
-"""Under ``none``: bytes that may wait in memory."""
+"""With ``none``: bytes that may wait in memory."""
 
 
 class Sync(StrEnum):
-    """The time at which records are safe, and from which failures."""
+    """When records are safe, and from which failures."""
 
-    ALWAYS = "always"  # on the disk before anything they justify leaves: survives a power cut
-    BATCH = "batch"  # with the kernel before, on the disk within a second: survives any death of central
-    NONE = "none"  # when convenient
+    # On the disk before central sends the turn's messages: survives a power cut.
+    ALWAYS = "always"
+    # With the kernel by then, on the disk within a second: survives any crash of central.
+    BATCH = "batch"
+    NONE = "none"  # whenever convenient
 
 
 def lock(file: int) -> None:
-    """Lock a file until its process ends. Raises BlockingIOError if somebody else keeps it, OSError
-    where there are no locks.
+    """Lock a file until this process ends.
 
-    A central that was killed while it took an image leaves a child behind, which has its locks for
-    another moment.
+    Waits a moment: if a killed central was writing an image, its child has the lock a little
+    longer. Raises BlockingIOError if another process has the lock, OSError where there are no
+    locks.
     """
     until = time.monotonic() + LOCK_PATIENCE
     while True:
@@ -55,8 +55,9 @@ def lock(file: int) -> None:
 
 
 def lock_folder(folder: Path) -> int:
-    """The lock of a journal's folder, made if there is none; two centrals that run would mix their
-    segments. A lock ends with its process, however that ends. Raises CentralError.
+    """Lock a journal's folder, created if missing; the lock's file. Raises CentralError.
+
+    Two running centrals would mix their segments. The lock ends with its process.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -67,7 +68,10 @@ def lock_folder(folder: Path) -> int:
         lock(locked)
     except BlockingIOError:
         os.close(locked)
-        msg = f"{folder}: another central writes its journal there: name another folder with --journal"
+        msg = (
+            f"{folder}: another central writes its journal there: "
+            "name another folder with --journal"
+        )
         raise CentralError(msg) from None
     except OSError:  # some file systems have no locks
         pass
@@ -75,7 +79,7 @@ def lock_folder(folder: Path) -> int:
 
 
 def sync_path(path: Path) -> None:
-    """See to it that a file, or the names in a folder, are on the disk. Raises OSError."""
+    """Flush a file, or the names in a folder, to the disk. Raises OSError."""
     file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(file)
@@ -84,49 +88,47 @@ def sync_path(path: Path) -> None:
 
 
 def cut(path: Path, end: int) -> None:
-    """Shorten a file for good. Raises OSError."""
+    """Truncate a file durably. Raises OSError."""
     with path.open("r+b") as stream:
         stream.truncate(end)
         os.fsync(stream.fileno())
 
 
 def append(path: Path, data: bytes) -> None:
-    """Lengthen a file for good. Raises OSError."""
+    """Append to a file durably. Raises OSError."""
     with path.open("ab") as stream:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
 
 
-def put_aside(path: Path, begin: int, *later: Path) -> None:
-    """Take away what a log has from a byte of a file on, for good, and keep it in files beside it.
-    Raises OSError.
+def move_aside(path: Path, begin: int, *later: Path) -> None:
+    """Move a log's bytes from `begin` on, and `later` files, to files beside it. Raises OSError.
 
-    The later files leave first: behind an end that is sound they would be taken for its
-        continuation.
+    The later files move first: after a sound end they would count as its continuation.
     """
     with path.open("rb") as stream:
         stream.seek(begin)
         if rest := stream.read():
-            append(aside(path), rest)
-    for one in later:
-        one.rename(aside(one))
+            append(aside_path(path), rest)
+    for file in later:
+        file.rename(aside_path(file))
     sync_path(path.parent)
     cut(path, begin)
 
 
-def aside(path: Path) -> Path:
-    """The file for what a log has lost: no program reads it."""
+def aside_path(path: Path) -> Path:
+    """The file for bytes that were removed from a log. No program reads it."""
     return path.with_suffix(f"{path.suffix}{ASIDE}")
 
 
-def is_unbegun(path: Path) -> bool:
-    """Whether not a single record is in a log: central ended while it began that."""
+def has_no_record(path: Path) -> bool:
+    """Whether a log has no record: central ended while creating it."""
     return not has_record(b"\0" + path.read_bytes())
 
 
-def is_written(folder: Path) -> bool:
-    """Whether a central that runs has the lock of a folder."""
+def is_in_use(folder: Path) -> bool:
+    """Whether a running central has the lock of a folder."""
     try:
         os.close(lock_folder(folder))
     except CentralError:
@@ -145,9 +147,9 @@ def numbers(folder: Path, suffix: str) -> list[int]:
 
 
 class LogWriter:
-    """Segments of one suffix. ``head`` gives the first record of each."""
+    """Writes segments of one suffix. Subclasses define ``head``, the first record of each."""
 
-    longest: float = SEGMENT_BYTES  #: bytes after which another segment begins
+    longest: float = SEGMENT_BYTES  #: bytes after which another segment starts
 
     def __init__(self, folder: Path, suffix: str, sync: Sync) -> None:
         """Raises CentralError if the folder can't be written."""
@@ -157,87 +159,83 @@ class LogWriter:
         self._pending: list[bytes] = []
         self._pending_bytes = 0
         self._file = -1
-        self.size = 0  #: of the segment
-        self._lock = (
-            threading.Lock()
-        )  #: what the two threads share; held for no longer than a moment
-        self._syncing = (
-            threading.Lock()
-        )  #: one thread at a time asks the disk; who writes never waits for it
+        self.size = 0  #: bytes of the newest segment
+        #: guards the files that both threads use; held only briefly
+        self._lock = threading.Lock()
+        #: lets one thread sync at a time; ``write`` never waits for it
+        self._syncing = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
-        self._is_named = False  #: the folder on the disk knows of the newest segment
-        self._full: list[
-            int
-        ] = []  #: files of earlier segments that are yet to be synced and closed
-        self._error: OSError | None = None  #: of the thread that syncs
+        self._is_named = False  #: whether the folder on the disk has the newest segment's name
+        #: files of earlier segments, to be synced and closed
+        self._full: list[int] = []
+        self._error: OSError | None = None  #: the first failure; nothing is written after it
         self._thread = threading.Thread(
             target=self._sync_each_second, name=f"sync {suffix}", daemon=True
         )
         try:
-            self.newest = max(
-                numbers(folder, suffix), default=0
-            )  #: the number of the newest segment
-            self.first = self.newest + 1  #: of those that are written now
-            self.begin_segment()
+            #: the number of the newest segment
+            self.newest = max(numbers(folder, suffix), default=0)
+            self.first = self.newest + 1  #: the number of this run's first segment
+            self.open_segment()
         except OSError as error:
             raise disk_error(error, f"journal {folder}") from None
         if sync is Sync.BATCH:
             self._thread.start()
 
     def check(self) -> None:
-        """Raises CentralError if what is written would be lost: somebody has removed the file."""
+        """Raise CentralError if writes would be lost because the file was removed."""
         if self._error is None and not os.fstat(self._file).st_nlink:
             self._error = FileNotFoundError(errno.ENOENT, "it was removed")
             raise self._broken(self._error)
 
     @property
     def is_broken(self) -> bool:
-        """Whether no more can be written."""
+        """Whether nothing more can be written."""
         return self._error is not None
 
     def head(self) -> bytes:
-        """The first record of the segment that begins."""
+        """The first record of a new segment."""
         raise NotImplementedError
 
-    def put(self, record: bytes) -> None:
-        """Take a record; ``flush`` writes it."""
+    def add_record(self, record: bytes) -> None:
+        """Append a record; ``flush`` writes it."""
         self._pending.append(record)
         self._pending_bytes += len(record)
 
     def flush(self) -> None:
-        """End a turn: what must be safe before the turn's messages leave is safe when this returns.
+        """End a turn: write its records, as safely as ``sync`` demands before messages may leave.
 
-        Raises CentralError if it can't be written, or if what was written may not be on the disk.
+        Raises CentralError if that fails, or if earlier records may not be on the disk.
         """
-        if (
-            self._error is not None
-        ):  # after a failed sync the data is gone, and a second sync would say all is well
+        # The kernel discards data that it can't sync, and a second sync would succeed.
+        if self._error is not None:
             raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
-        self._now(self.write)
+        self._run_steps(self.write)
         if self.sync is Sync.ALWAYS:
-            self._now(self._fsync)
+            self._run_steps(self._fsync)
         if self.size > self.longest:
-            self._now(self.begin_segment)
+            self._run_steps(self.open_segment)
 
     def make_safe(self) -> None:
-        """Have all on the disk, whatever ``sync`` says. Raises CentralError."""
-        self._now(self.write, self._fsync)
+        """Bring everything to the disk, whatever ``sync`` says. Raises CentralError."""
+        self._run_steps(self.write, self._fsync)
 
-    def hand_over(self) -> Path:
-        """Let the kernel have all that waits, whatever ``sync`` says; the newest segment. Raises
-        CentralError.
+    def write_now(self) -> Path:
+        """Pass all records to the kernel, whatever ``sync`` says. Return the segment.
+
+        Raises CentralError.
         """
-        self._now(self.write)
+        self._run_steps(self.write)
         return self._path
 
-    def turn_over(self) -> None:
-        """Begin another segment, whatever waits. Raises CentralError."""
-        self._now(self.write, self.begin_segment)
+    def start_segment(self) -> None:
+        """Start another segment. Raises CentralError."""
+        self._run_steps(self.write, self.open_segment)
 
-    def _now(self, *steps: Callable[[], None]) -> None:
+    def _run_steps(self, *steps: Callable[[], None]) -> None:
         try:
             for step in steps:
                 step()
@@ -261,7 +259,7 @@ class LogWriter:
             os.close(self._file)
 
     def write(self) -> None:
-        """Hand over to the kernel what waits. Raises OSError."""
+        """Pass all waiting records to the kernel. Raises OSError."""
         data = memoryview(b"".join(self._pending))
         self._pending.clear()
         self._pending_bytes = 0
@@ -271,8 +269,8 @@ class LogWriter:
             data = data[written:]
         self._unsynced = True
 
-    def begin_segment(self) -> None:
-        """Begin another segment file. Raises OSError."""
+    def open_segment(self) -> None:
+        """Create the next segment's file. Raises OSError."""
         with self._lock:
             if self._file >= 0:
                 self._full.append(self._file)
@@ -283,9 +281,8 @@ class LogWriter:
                 self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600
             )
             self._is_named = False
-            with contextlib.suppress(
-                OSError
-            ):  # readers see by it that central lives; some file systems have no locks
+            # The lock shows readers that central runs. Some file systems have no locks.
+            with contextlib.suppress(OSError):
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if self.sync is not Sync.BATCH:
             self._close_full()
@@ -308,7 +305,7 @@ class LogWriter:
         return disk_error(
             error,
             f"journal {self.folder}",
-            "central stops, for what it can't record it must not do",
+            "central stops, since it must not act without recording it",
         )
 
     def _fsync(self) -> None:
@@ -320,7 +317,7 @@ class LogWriter:
             _sync_data(file)
             if not is_named:
                 sync_path(self.folder)
-                sync_path(self.folder.parent)  # central may have made the folder
+                sync_path(self.folder.parent)  # the folder may be new
 
     def _close_full(self) -> None:
         while self._full:

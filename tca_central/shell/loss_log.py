@@ -1,6 +1,4 @@
-"""Warnings of losses, which may come in floods: one line a second for each thing that is lost, with
-how many.
-"""
+"""Warnings of losses, which may come in floods: one line a second per kind, with the count."""
 
 import logging
 from math import inf
@@ -10,11 +8,11 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 PERIOD = 1.0
-"""Seconds between two lines about one thing."""
+"""Seconds between two lines about one kind of loss."""
 
 
 def loss_in(fact: Any) -> tuple[str, str, int] | None:
-    """What a fact says was lost, why, and how many; None if that is no loss to warn of."""
+    """The loss that a fact reports: kind, reason, number. None if there is no loss to warn of."""
     match fact:
         case facts.Dropped(dropping=Dropping.OVERLOAD):
             return f"dropped '{fact.message}'", fact.why, 1
@@ -31,32 +29,30 @@ def loss_in(fact: Any) -> tuple[str, str, int] | None:
 
 
 class LossLog:
-    """Knows no clock; ``tell`` is to be called about once in a period."""
+    """Collects losses. It has no clock: call ``write_due`` about once per period."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        #: what is lost -> when it was last told, how many since, why
+        #: kind of loss -> time of its last line, losses since then, reason
         self._lines: dict[str, tuple[float, int, str]] = {}
 
-    def note(self, what: str, why: str, number: int, now: float) -> None:
-        """So many are lost."""
-        told, before, _ = self._lines.get(what, (-inf, 0, ""))
-        self._lines[what] = told, before + number, why
-        if now - told >= PERIOD:
-            self._tell(what, now)
+    def count(self, kind: str, why: str, number: int, now: float) -> None:
+        """Count a loss; log it unless its kind was logged within the period."""
+        written, before, _ = self._lines.get(kind, (-inf, 0, ""))
+        self._lines[kind] = written, before + number, why
+        if now - written >= PERIOD:
+            self._write(kind, now)
 
-    def tell(self, now: float = inf) -> None:
-        """Tell of those for which it is time, and forget those of which there was nothing to
-        tell.
-        """
-        for what, (told, number, _) in list(self._lines.items()):
-            if now - told >= PERIOD:
+    def write_due(self, now: float = inf) -> None:
+        """Log the kinds whose period is over, and forget those without new losses."""
+        for kind, (written, number, _) in list(self._lines.items()):
+            if now - written >= PERIOD:
                 if number:
-                    self._tell(what, now)
+                    self._write(kind, now)
                 else:
-                    del self._lines[what]
+                    del self._lines[kind]
 
-    def _tell(self, what: str, now: float) -> None:
-        _, number, why = self._lines[what]
-        self._log.warning("%s%s: %s", what, f" {number:,} times" if number > 1 else "", why)
-        self._lines[what] = now, 0, why
+    def _write(self, kind: str, now: float) -> None:
+        _, number, why = self._lines[kind]
+        self._log.warning("%s%s: %s", kind, f" {number:,} times" if number > 1 else "", why)
+        self._lines[kind] = now, 0, why

@@ -1,8 +1,7 @@
-"""What is to be sent: packets that wait for their connections, within a bound. Knows no socket.
+"""Outboxes: packets that wait to be sent to their connections, within a bound. Uses no socket.
 
-Items of a turn share packets. A connection that has not read what it was sent gets no more before
-it says so (Receipt):
-the rest waits here. If all that is too much, the connection for which most waits is given up.
+Items of one turn share packets. A connection gets at most WINDOW unread bytes and reports what it
+has read (Receipt); the rest waits here. When all outboxes exceed the bound, the fullest is dropped.
 """
 
 from collections import deque
@@ -20,12 +19,12 @@ class Outbox:
     __slots__ = ("packets", "room", "size")
 
     def __init__(self) -> None:
-        self.packets: deque[list[bytes]] = deque()  #: the pieces of each
-        self.room = 0  #: bytes that go into the last one
-        self.size = 0  #: bytes of all
+        self.packets: deque[list[bytes]] = deque()  #: each as its pieces
+        self.room = 0  #: bytes that still fit into the last packet
+        self.size = 0  #: bytes of all packets
 
-    def put(self, item: list[bytes], size: int) -> None:
-        """Add an item, in pieces, to the last packet, or begin another one."""
+    def add(self, item: list[bytes], size: int) -> None:
+        """Append an item, in pieces, to the last packet, or start another packet."""
         if size > self.room:
             self.packets.append([])
             self.room = PACKET_BYTES
@@ -35,44 +34,42 @@ class Outbox:
 
 
 class Outboxes:
-    """Those of all connections."""
+    """The outboxes of all connections."""
 
     def __init__(self, send: Callable[[ConnectionId, bytes], bool]) -> None:
-        """*send* sends a packet; False: the line takes no more now. Raises ConnectionError if there
-        is none.
+        """`send` sends a packet; it returns False if the connection accepts no more now.
+
+        It raises ConnectionError if the connection is closed.
         """
         self._send = send
         self._boxes: dict[ConnectionId, Outbox] = {}
-        self._ready: dict[ConnectionId, Outbox] = {}  #: those with something to send
-        self._unread: dict[
-            ConnectionId, int
-        ] = {}  #: bytes that were sent, and not read as far as is known
+        self._ready: dict[ConnectionId, Outbox] = {}  #: outboxes to try to send from
+        #: bytes sent to each connection that it has not reported as read
+        self._unread: dict[ConnectionId, int] = {}
         self.held = 0  #: bytes in all boxes
 
     @property
-    def are_waiting(self) -> bool:
-        """Whether a line takes no more now."""
+    def has_waiting(self) -> bool:
+        """Whether packets wait that a connection did not accept."""
         return bool(self._ready)
 
     @property
     def unread(self) -> int:
-        """Bytes that were sent, or wait to be, and were not read."""
+        """Bytes that modules have yet to read, sent or not."""
         return self.held + sum(self._unread.values())
 
-    def put(self, connection: ConnectionId, item: list[bytes]) -> None:
-        """An item, in pieces, is to be sent. A large body is a piece of its own: many who are sent
-        it share it.
-        """
+    def add(self, connection: ConnectionId, item: list[bytes]) -> None:
+        """Queue an item, in pieces. Connections share a large body, which is a piece of its own."""
         box = self._boxes.get(connection)
         if box is None:
             self._boxes[connection] = box = Outbox()
         size = sum(map(len, item))
-        box.put(item, size)
+        box.add(item, size)
         self.held += size
         self._ready[connection] = box
 
-    def got(self, connection: ConnectionId, size: int) -> None:
-        """A connection has read so much."""
+    def credit(self, connection: ConnectionId, size: int) -> None:
+        """Note that a connection has read `size` bytes."""
         if connection in self._unread:
             self._unread[connection] = max(0, self._unread[connection] - max(size, 0))
             box = self._boxes.get(connection)
@@ -80,17 +77,17 @@ class Outboxes:
                 self._ready[connection] = box
 
     def send_all(self) -> list[ConnectionId]:
-        """Send what can be sent; the connections whose lines are gone."""
+        """Send what connections accept. Return the connections that turn out to be closed."""
         ready, self._ready = self._ready, {}
-        gone = []
+        closed = []
         for connection, box in ready.items():
             try:
                 self._send_from(box, connection)
             except ConnectionError:
-                gone.append(connection)
-        for connection in gone:
-            self.forget(connection, is_gone=True)
-        return gone
+                closed.append(connection)
+        for connection in closed:
+            self.forget(connection, is_closed=True)
+        return closed
 
     def _send_from(self, box: Outbox, connection: ConnectionId) -> None:
         packets, unread = box.packets, self._unread.get(connection, 0)
@@ -98,7 +95,7 @@ class Outboxes:
             while packets and unread < WINDOW:
                 packet = b"".join(packets[0])
                 if not self._send(connection, packet):
-                    packets[0] = [packet]  # joined once, however often it is tried
+                    packets[0] = [packet]  # joined only once, however many attempts follow
                     self._ready[connection] = box
                     return
                 packets.popleft()
@@ -110,10 +107,8 @@ class Outboxes:
         finally:
             self._unread[connection] = unread
 
-    def give_up_beyond(self, most: int) -> dict[ConnectionId, int]:
-        """Forget those for which most waits until no more than so many bytes do; how much waited
-        for each.
-        """
+    def drop_beyond(self, most: int) -> dict[ConnectionId, int]:
+        """Drop the fullest outboxes until at most `most` bytes wait. Return the bytes of each."""
         given_up = {}
         while self.held > most:
             connection = max(self._boxes, key=lambda one: self._boxes[one].size)
@@ -121,21 +116,19 @@ class Outboxes:
             self.forget(connection)
         return given_up
 
-    def forget(self, connection: ConnectionId, *, is_gone: bool = False) -> None:
-        """Nothing that waits is sent any more. If the line *is gone*, nothing is on its way
-        either.
-        """
+    def forget(self, connection: ConnectionId, *, is_closed: bool = False) -> None:
+        """Drop what waits for a connection. If it is closed, nothing is unread either."""
         if (box := self._boxes.pop(connection, None)) is not None:
             self.held -= box.size
         self._ready.pop(connection, None)
-        if is_gone:
+        if is_closed:
             self._unread.pop(connection, None)
 
     def forget_all(self) -> None:
-        """Nothing may be sent."""
+        """Drop everything that waits."""
         for connection in list(self._boxes):
             self.forget(connection)
 
     def connections(self) -> list[ConnectionId]:
-        """All to which something was sent, or is not to be sent yet."""
+        """Connections with sent bytes or an outbox, but without packets to send now."""
         return [one for one in self._boxes | self._unread if one not in self._ready]

@@ -1,11 +1,13 @@
-"""The permissions file: TOML that says which keys may be which modules, and do what. It is checked
-as a whole.
+"""The permissions file: TOML that says which keys may be which modules, and do what.
 
-[[allow]]
-key = "arm"               # of 'tca keys', "owner" (who runs central), "uid:1001"; or a list of them
-module = "arm*"           # [default: any]
-send = ["log", "pose"]
-handle = ["grip", "move_*"]
+central checks the whole file before it uses any of it. A key is a name of 'tca keys', "owner" for
+central's user, "uid:1001" for another user, or a list of them. Without a module, any is allowed.
+
+    [[allow]]
+    key = "arm"
+    module = "arm*"
+    send = ["log", "pose"]
+    handle = ["grip", "move_*"]
 """
 
 import contextlib
@@ -28,38 +30,38 @@ _MOST_SHOWN = 20
 
 
 class PermissionsError(CentralError):
-    """A permissions file that can't be used: each thing that is wrong, where, and what to write."""
+    """A permissions file with mistakes: the text lists them, with lines and corrections."""
 
 
 class PermissionsFile:
-    """The rules of a file, as it was when it was last good."""
+    """The rules of a file, as of its last valid version."""
 
     def __init__(self, path: Path) -> None:
         """Raises PermissionsError."""
         self.path = path
-        self._seen = self._look()
+        self._seen = self._file_state()
         self.rules = read_rules(path)
 
-    def _look(self) -> tuple[int, ...]:
+    def _file_state(self) -> tuple[int, ...]:
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except OSError as error:
             return (error.errno or 0,)
-        return found.st_mtime_ns, found.st_size, found.st_ino
+        return status.st_mtime_ns, status.st_size, status.st_ino
 
-    def look_again(self) -> None:
-        """Read it if it has changed. One that is wrong is told of, and changes nothing."""
-        if (look := self._look()) == self._seen:
+    def refresh(self) -> None:
+        """Read the file if it has changed. A file with mistakes is logged, and changes nothing."""
+        if (look := self._file_state()) == self._seen:
             return
         self._seen = look
         try:
             self.rules = read_rules(self.path)
         except PermissionsError as error:
-            log.error("the permissions stay as they were: %s", error)  # noqa: TRY400 - the user's fault, not ours
+            log.error("the permissions stay as they were: %s", error)  # noqa: TRY400 - user's error
 
 
 def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
-    """The users of this computer that rules name. A pattern names nobody."""
+    """The ids of the users of this computer that rules name. A pattern names none."""
     named = [
         key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")
     ]
@@ -70,20 +72,20 @@ def read_rules(path: Path) -> tuple[AccessRule, ...]:
     """The rules of a file. Raises PermissionsError."""
     try:
         text, mode = path.read_text(), path.stat().st_mode
-        found = tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise PermissionsError(f"{path}: {why}") from None
     if mode & 0o002:
-        raise PermissionsError(f"{path}: anybody may write it: chmod o-w")
-    wrong = list(_wrong_in(found, text))
+        raise PermissionsError(f"{path}: every user may write it: run chmod o-w")
+    wrong = list(_wrong_in(tables, text))
     if wrong:
         shown = [
             f"{path}{f', line {line}' if line else ''}: {what}"
             for line, what in wrong[:_MOST_SHOWN]
         ]
         raise PermissionsError("\n".join(shown))
-    return tuple(map(_rule, found["allow"]))
+    return tuple(map(_rule, tables["allow"]))
 
 
 def _rule(table: dict[str, Any]) -> AccessRule:
@@ -96,7 +98,7 @@ def _texts(value: str | list[str]) -> tuple[str, ...]:
 
 
 def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
-    """Lines and what is wrong there (0: nowhere in particular)."""
+    """Yield each mistake with its line (0: no particular line)."""
     for name in found.keys() - {"allow"}:
         yield (
             _line_of(text, -1, name),
@@ -104,7 +106,7 @@ def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
         )
     tables = found.get("allow")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        yield 0, "there is no [[allow]]: with this file nobody could connect"
+        yield 0, "there is no [[allow]]: with this file no program could connect"
         return
     for index, table in enumerate(tables):
         yield from _wrong_in_table(table, index, text)
@@ -114,16 +116,16 @@ def _wrong_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tu
     if "key" not in table:
         yield (
             _line_of(text, index, ""),
-            'whom this allows is not said: key = "NAME", a list of names, or "owner"',
+            'the key is missing: write key = "NAME", a list of names, or "owner"',
         )
     for name, value in table.items():
         line = _line_of(text, index, name)
         if name not in _NAMES:
-            yield line, f"'{name}' is nothing that can be allowed: there are {', '.join(_NAMES)}"
+            yield line, f"'{name}' is no entry of a rule: use {', '.join(_NAMES)}"
         elif not _is_texts(value):
             yield (
                 line,
-                f'{name} = {value!r:.60} is no text: write {name} = "NAME", or a list of such',
+                f'{name} = {value!r:.60} is not a text: write {name} = "NAME", or a list of texts',
             )
         elif name == "key":
             yield from ((line, what) for key in _texts(value) if (what := _wrong_key(key)))
@@ -137,14 +139,12 @@ def _is_texts(value: Any) -> bool:
 
 def _wrong_key(key: str) -> str:
     if key.startswith("uid:") and not key.removeprefix("uid:").isdecimal():
-        return f"'{key}' is no user: write uid: and a number, as 'id -u NAME' says it"
-    return "" if key else "a key has no name"
+        return f"'{key}' is not a user: write uid: and the number that 'id -u NAME' prints"
+    return "" if key else "a key needs a name"
 
 
 def _line_of(text: str, table: int, name: str) -> int:
-    """The line where the so manieth table says something; 0 if that is not found (TOML has many
-    ways to write it).
-    """
+    """The line of an entry in the table of that index; 0 if not found (TOML has many notations)."""
     current = -1
     with contextlib.suppress(re.error):
         for number, line in enumerate(text.splitlines(), 1):

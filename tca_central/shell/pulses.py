@@ -1,8 +1,7 @@
-"""Pulses: connections on which processes send back central's beats, and so show that they still
-run.
+"""Pulses: sockets of processes on which ZeroMQ returns central's heartbeats, a sign that they run.
 
-A client that names none is not watched. Silence is counted in beats, not in seconds: a central that
-stood still has sent none meanwhile, so it blames nobody for its own lateness.
+A client without a pulse is not watched. Silence is counted in heartbeats, not in seconds. A central
+that stood still has sent none, so it blames no process for its own pause.
 """
 
 from collections.abc import Iterable
@@ -10,58 +9,57 @@ from collections.abc import Iterable
 from tca_central.model.deliveries import Connection
 
 LATE = 20
-"""So many beats are let pass for a line that has never been there. A process notices within 10 s
-that its line leads nowhere any more, as when the computer of the central before went down, and
-connects it anew at least every 5 s.
+"""Extra heartbeats granted to a pulse that was never reached.
+
+A process notices within 10 s that its socket leads nowhere, for example after the computer of the
+previous central went down. It then reconnects every 5 s or sooner.
 """
 _REMEMBERED = 1000
-"""The number of lines remembered of those that have left."""
+"""The number of closed pulses that are remembered."""
 
 
 class Pulses:
-    """Counts the unanswered beats of each pulse. Knows no socket and no clock."""
+    """Counts the unanswered heartbeats of each pulse. Knows no socket and no clock."""
 
     def __init__(self, patience: int) -> None:
-        """*patience*: so many beats without a word are too many."""
-        self.heard: set[bytes] = set()  #: routing ids of all that has come since the last beat
+        """`patience`: unanswered heartbeats after which a pulse is silent."""
+        self.active: set[bytes] = set()  #: routing ids of all packets since the last heartbeat
         self._patience = patience
         self._unanswered: dict[bytes, int] = {}
-        self._met: set[bytes] = set()  #: those whose line has been there
+        self._reached: set[bytes] = set()  #: pulses that a heartbeat has reached
 
-    def beat(self, connections: Iterable[Connection]) -> set[bytes]:
-        """It is time for the next beat: the pulses that it goes to."""
+    def start_round(self, connections: Iterable[Connection]) -> set[bytes]:
+        """Start the next round of heartbeats. Return the pulses to which one goes."""
         connections = list(connections)
         pulses = {connection.pulse for connection in connections if connection.pulse}
         self._unanswered = {
             pulse: beats + 1 for pulse, beats in self._unanswered.items() if pulse in pulses
         }
-        self.listen(connections)
-        if len(self._met) > len(pulses) + _REMEMBERED:
-            self._met &= pulses
+        self.count_signs(connections)
+        if len(self._reached) > len(pulses) + _REMEMBERED:
+            self._reached &= pulses
         return pulses
 
-    def listen(self, connections: Iterable[Connection]) -> None:
-        """Note the pulses that were heard: any word from a process is a sign of life."""
+    def count_signs(self, connections: Iterable[Connection]) -> None:
+        """Reset the pulses of processes that have sent anything: each packet is a sign of life."""
         for connection in connections:
             pulse = connection.pulse
-            if pulse in self._unanswered and (pulse in self.heard or connection.id in self.heard):
-                self._unanswered[pulse] = 0 if pulse in self._met else -LATE
-        self.heard.clear()
+            if pulse in self._unanswered and (pulse in self.active or connection.id in self.active):
+                self._unanswered[pulse] = 0 if pulse in self._reached else -LATE
+        self.active.clear()
 
-    def sent(self, pulse: bytes) -> None:
-        """A beat is on its way to it: an answer is due."""
-        self._met.add(pulse)
+    def mark_sent(self, pulse: bytes) -> None:
+        """Note that a heartbeat was sent to a pulse: an answer is due."""
+        self._reached.add(pulse)
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
-    def gone(self, pulse: bytes) -> None:
-        """Note that a pulse's line is gone. The process is suspect only if the line was never
-        there.
-        """
-        if pulse in self._met:
+    def mark_closed(self, pulse: bytes) -> None:
+        """Note that a pulse's socket is closed: suspicious only if it was never reached."""
+        if pulse in self._reached:
             self._unanswered.pop(pulse, None)
         else:
             self._unanswered.setdefault(pulse, -LATE)
 
     def silent(self) -> set[bytes]:
-        """Pulses that have been silent for too long."""
+        """The pulses that have been silent for too long."""
         return {pulse for pulse, beats in self._unanswered.items() if beats >= self._patience}

@@ -1,10 +1,10 @@
-"""The state of a run that ended without a goodbye: newest image, and the inputs since, through
-``Central.handle``.
+"""Recovers an unfinished run by a replay of the inputs since its newest image.
 
-What comes out is compared with the facts that the journal has. The journal may lack the last ones:
-they are written anew. It may have more where the last inputs did not reach the disk: those facts
-are put aside, and reported. Any other difference is told and stops the recovery, unless it is to be
-accepted. Then the ends of all logs are mended, before anything is written (decision 102).
+A run is unfinished if it did not end regularly. The result of the replay is compared with the facts
+in the journal. The journal may lack the last facts: they are written again. It may have more facts
+if the last inputs did not reach the disk: these are moved to files beside it, and reported. Any
+other difference is reported and stops the recovery, unless the user accepts it (--resume facts).
+Then all logs are cut after their last sound record, before anything is written (decision 102).
 """
 
 import logging
@@ -26,46 +26,42 @@ from tca_wire.journal.facts import Entry, Opened
 log = logging.getLogger("tca.central")
 
 GRACE = 10.0
-"""Seconds that modules have to come back."""
+"""Seconds that modules have to reconnect."""
 
 LONGEST_AWAY = 30 * 86_400.0
-"""Seconds that a run's clock goes on at most where the machine was started anew: it may have had no
-clock before.
-"""
+"""Seconds of absence that count at most after a reboot: the clock may have been wrong before."""
 
 SKIPPED = 1_000_000
-"""Numbers that are passed over where the last second of the inputs may be lost: some may have been
-given in it.
-"""
+"""Numbers to skip when the last second of inputs may be lost: they may have been used in it."""
 
 
 @dataclass
 class UnfinishedRun:
-    """A run that can go on."""
+    """A run that can continue."""
 
     central: Central
-    head: Head  #: of its newest segment of inputs
-    first: int  #: the number of its first one
-    opened: Opened | None  #: of the newest segment of its journal
+    head: Head  #: the head of its newest segment of inputs
+    first: int  #: the number of its first segment of inputs
+    opened: Opened | None  #: the head of the newest segment of its journal
     last: Entry  #: the last entry of its journal
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
-    inputs: int = 0  #: number of those handled again
-    may_lack: bool = False  #: some of its last inputs are not there
-    known: int = 0  #: number of the events before them
-    kept: int = 0  #: the number of the first segment with them, at which the image is
+    inputs: int = 0  #: the number of replayed inputs
+    may_lack: bool = False  #: whether its last inputs may be missing
+    known: int = 0  #: the number of events in the image
+    kept: int = 0  #: the number of the image, and of the first segment after it
     aside: int = 0  #: entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
-        """The event with which it goes on."""
+        """The event with which it continues."""
         clock = self.central.clock.now
-        longest = (
-            LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
-        )  # the wall clock may have been set since
+        # The wall clock may have been set in the meantime, but no absence is longer than the
+        # uptime.
+        longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
-    def gone(self) -> Iterator[ConnectionLost]:
-        """Those connections whose processes, on this machine, are no more."""
+    def lost_connections(self) -> Iterator[ConnectionLost]:
+        """The loss of connections whose processes, on this computer, have ended."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
         for connection in list(self.central.hold.awaited):
             process = connection.module.process
@@ -73,7 +69,7 @@ class UnfinishedRun:
             is_here = process.startswith(here) and pid.isdecimal()
             if (
                 is_here
-                and (_was_booted(self.head) or not _lives(pid))
+                and (_was_booted(self.head) or not _is_running(pid))
                 and Path("/proc/self").exists()
             ):
                 yield ConnectionLost(
@@ -82,12 +78,12 @@ class UnfinishedRun:
 
 
 def _was_booted(head: Head) -> bool:
-    """Whether the machine has started anew since."""
+    """Whether the computer has rebooted since."""
     return head.boot != this_boot()
 
 
-def _lives(process: str) -> bool:
-    """Whether a process has not ended; one whose exit code nobody has asked for has."""
+def _is_running(process: str) -> bool:
+    """Whether a process runs. A zombie does not."""
     try:
         state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(") ")[2][:1]
     except OSError:
@@ -95,10 +91,10 @@ def _lives(process: str) -> bool:
     return state not in ("Z", "X")
 
 
-def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, oldest first; none if it has ended of
-    its own will. Those of which not even the head can be read are passed over only with *accept*.
-    Raises CentralError.
+def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegment]:
+    """The segments of inputs of a folder's newest run, oldest first; none if it ended regularly.
+
+    With `accept`, segments with damaged heads are skipped. Raises CentralError.
     """
     if not accept:
         check_heads(folder)
@@ -106,8 +102,8 @@ def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
     newest = None if accept else newest_segment(folder)
     if newest is not None and not newest_run(folder, newest[1]) and not is_closed(newest[0]):
         log.warning(
-            "a new run begins, and the tasks of the last one in %s are lost: it has not ended, and has no \
-inputs (*%s) with which it could continue",
+            "a new run starts, and the tasks of the last run in %s are lost: "
+            "it is unfinished, and has no inputs (*%s) to continue with",
             folder,
             INPUT_SUFFIX,
         )
@@ -115,8 +111,15 @@ inputs (*%s) with which it could continue",
 
 
 def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False) -> UnfinishedRun:
-    """The run whose inputs these are. With *accept* it goes on in spite of a difference. Raises
-    CentralError.
+    """Recover an unfinished run.
+
+    Args:
+        folder: The folder of the run.
+        segments: The run's segments of inputs, from ``unfinished_segments``.
+        accept: Whether to continue in spite of a difference to the journal.
+
+    Raises:
+        CentralError: The run can't continue; the text says what to do.
     """
     head = segments[-1].head
     assert head is not None
@@ -125,16 +128,16 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
         replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack)
         facts = WrittenFacts(folder, replay.central.epoch, replay.central.events)
         missing: list[Entry] = []
-        given = replay.entries()
-        while (difference := facts.compare(given, missing)) is not None:
+        replayed = replay.entries()
+        while (difference := facts.compare(replayed, missing)) is not None:
             if not accept and not (may_lack and difference.given is None):
                 raise difference
-            facts.put_aside(difference)
+            facts.move_aside(difference)
     except NoReplay as error:
-        msg = f"{error}; --fresh begins a new run there"
+        msg = f"{error}; --fresh starts a new run there"
         raise CentralError(msg) from None
-    replay.mend()
-    facts.mend()
+    replay.cut_log()
+    facts.cut_journal()
     if may_lack:
         what = (
             "the last inputs"
@@ -142,7 +145,8 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
             else "up to the last second before power was lost"
         )
         log.warning(
-            "%s may be missing (--sync %s); %d entries of the journal, to which no input leads, were put aside",
+            "%s may be missing (--sync %s); %d entries of the journal, "
+            "to which no input leads, were moved aside",
             what,
             head.sync,
             facts.aside,

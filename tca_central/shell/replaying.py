@@ -1,6 +1,4 @@
-"""A run's inputs, handled again: the segments of the newest run in a folder, a state to begin with,
-what follows.
-"""
+"""Replays a run's inputs: reads the newest run's segments in a folder, starting with an image."""
 
 import logging
 from collections.abc import Iterator
@@ -19,7 +17,7 @@ from tca_central.shell.input_log import (
     Ended,
     InputSegment,
 )
-from tca_central.shell.log_writer import cut, files_of, numbers, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, move_aside, numbers, sync_path
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
@@ -27,13 +25,13 @@ log = logging.getLogger("tca.central")
 
 
 def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, or of that *epoch*, oldest first."""
+    """The segments of inputs of the newest run in a folder, or of the run `epoch`, oldest first."""
     found: list[InputSegment] = []
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is None:
             if found:
-                found.append(segment)  # a hole: ``InputReplay`` judges it
-            continue  # central ended while it began it
+                found.append(segment)  # a hole: ``InputReplay`` decides about it
+            continue  # else central ended while creating it
         if segment.head.epoch != (epoch := epoch or segment.head.epoch):
             if found:
                 break
@@ -49,18 +47,14 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
 
 
 def _is_left_over(segment: InputSegment) -> bool:
-    """Whether a start that failed began it. Its head would hide the boot in which the run's last
-    input came.
-    """
+    """Whether a failed start created it. Its head would hide the boot of the run's last input."""
     assert segment.head is not None
     is_used = segment.head.is_first or segment.path.with_suffix(IMAGE_SUFFIX).exists()
     return not is_used and segment.is_empty
 
 
 def check_heads(folder: Path) -> None:
-    """Raises CentralError if the newest segment can't be told to belong to a run, though something
-    follows its head.
-    """
+    """Raise CentralError if the newest segment's head is damaged, so that its run is unknown."""
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is not None:
             return
@@ -69,7 +63,7 @@ def check_heads(folder: Path) -> None:
 
 
 def has_ended(segments: list[InputSegment]) -> bool:
-    """Whether a run has ended of its own will."""
+    """Whether a run ended regularly."""
     last = None
     for last in segments[-1]:  # noqa: B007 - the last one is wanted
         pass
@@ -77,11 +71,22 @@ def has_ended(segments: list[InputSegment]) -> bool:
 
 
 class NoReplay(CentralError):
-    """Inputs are missing, or lead nowhere."""
+    """Inputs that are missing, or can't be replayed."""
 
 
 class InputReplay:
-    """Central, and the inputs that it has yet to handle again."""
+    """A replay: central, and the inputs that it has yet to handle.
+
+    Args:
+        folder: The folder of the run.
+        segments: The run's segments of inputs, oldest first.
+        cuts: Whether to stop at a damaged or missing input instead of raising an error.
+        may_lack: Whether some of the last inputs may not have reached the disk.
+        from_first: Whether to start with the oldest state that there is.
+
+    Raises:
+        CentralError: The inputs can't be replayed.
+    """
 
     def __init__(
         self,
@@ -92,47 +97,44 @@ class InputReplay:
         may_lack: bool = False,
         from_first: bool = False,
     ) -> None:
-        """With *cuts* what follows a damaged input is left out, as what was being written always
-        is. With *may_lack* some of what came last did not reach the disk: so may a segment end
-        early though others follow. *from_first*:
-        begin with the oldest state that there is. Raises CentralError.
-        """
         head = segments[0].head
         assert head is not None
         self.folder = folder
         self.head = head
-        self.inputs = 0  #: number of those handled again
+        self.inputs = 0  #: the number of replayed inputs
         self._cuts, self._may_lack = cuts, may_lack
-        self._last = segments[0]  #: the segment in which reading has ended
+        self._last = segments[0]  #: the segment with the last input that was read
         if other := next(
             (one.head for one in segments if one.head is not None and not one.head.is_readable),
             None,
         ):
             what = (
-                f"tca {other.central} wrote them, of format {other.version}.{other.protocol}, and this tca reads only \
-{INPUT_VERSION}.{PROTOCOL_VERSION}: finish the run with tca {other.central}"
+                f"tca {other.central} wrote them, of format {other.version}.{other.protocol}, "
+                f"and this tca reads only {INPUT_VERSION}.{PROTOCOL_VERSION}: "
+                f"finish the run with tca {other.central}"
             )
-            raise self._hopeless(what)
-        self.central, self._segments = self._begin(segments, from_first=from_first)
-        self.began = self.central.events  #: number of the events before these inputs
+            raise self._no_replay(what)
+        self.central, self._segments = self._first_state(segments, from_first=from_first)
+        self.began = self.central.events  #: the number of events before the inputs
         self.first = self._segments[0].number
 
     def entries(self) -> Iterator[Entry]:
-        """What the inputs lead to. Raises CentralError."""
-        for event, spared in _with_spared(self._inputs()):
+        """The journal entries to which the inputs lead. Raises CentralError."""
+        for logged, spared in _with_spared(self._inputs()):
             self.inputs += 1
-            for one in events_of(event, spared):
+            for event in events_of(logged, spared):
                 try:
-                    effects = self.central.handle(one)
+                    effects = self.central.handle(event)
                 except Exception as error:
-                    what = f"input {self.inputs} leads to an error of central's own ({type(error).__name__}: {error})"
-                    raise self._hopeless(what) from error
+                    what = f"{type(error).__name__}: {error}"
+                    msg = f"input {self.inputs} leads to an internal error of central ({what})"
+                    raise self._no_replay(msg) from error
                 yield from (effect.entry for effect in effects if isinstance(effect, Record))
 
-    def _begin(
+    def _first_state(
         self, segments: list[InputSegment], *, from_first: bool
     ) -> tuple[Central, list[InputSegment]]:
-        """The newest state that can be had whole, and the segments that follow it."""
+        """The newest readable state, and the segments after it."""
         first, why = segments[0], ""
         images = [
             one
@@ -145,13 +147,15 @@ class InputReplay:
                     central = decode((self.folder / f"{number:08d}{IMAGE_SUFFIX}").read_bytes())
                 except (ImageError, OSError) as error:
                     why = f"image {number}: {error}"
-                    log.warning("%s: another one is used", why)
-                    self._may_lack = False  # that was on the disk, and so was what led to it
+                    log.warning("%s: central uses another image", why)
+                    # The image was on the disk, so the inputs before it must be, too.
+                    self._may_lack = False
                     continue
                 return central, [segment for segment in segments if segment.number >= number]
         if not self.head.is_first:
-            raise self._hopeless(
-                why or "its first inputs are gone, and there is no image of the state after them"
+            raise self._no_replay(
+                why
+                or "its first inputs were removed, and there is no image of the state after them"
             )
         return Central(self.head.epoch), segments
 
@@ -160,7 +164,7 @@ class InputReplay:
             if segment.number > number:
                 if self._cuts or self._may_lack:
                     return
-                raise self._hopeless(f"its inputs number {number} are missing")
+                raise self._no_replay(f"its inputs number {number} are missing")
             if segment.head is not None:
                 self._last = segment
             for event in segment:
@@ -173,9 +177,10 @@ class InputReplay:
                 raise _damaged(segment)
             return
 
-    def mend(self) -> None:
-        """Have the log end, for good, where reading has ended: what is written from now on follows
-        a sound record. Raises OSError.
+    def cut_log(self) -> None:
+        """Cut the log after the last input that was read, so that new records follow a sound one.
+
+        Raises OSError.
         """
         last, later = self._last, list[Path]()
         for suffix in (INPUT_SUFFIX, IMAGE_SUFFIX, DRAFT_SUFFIX):
@@ -184,38 +189,36 @@ class InputReplay:
                 if suffix == INPUT_SUFFIX and is_later and not InputSegment(path).is_empty:
                     later.append(path)
                 elif is_later or suffix == DRAFT_SUFFIX:
-                    path.unlink()  # a start that failed began it; an image of what comes after the end, or half of one
+                    # Left by a failed start, an image of a later state, or a partial image.
+                    path.unlink()
         if later or not last.is_torn:
-            put_aside(last.path, last.end, *later)
+            move_aside(last.path, last.end, *later)
         sync_path(self.folder)
         for path in files_of(self.folder, INPUT_SUFFIX):
-            if (
-                int(path.stem) >= self._segments[0].number
-            ):  # a killed central has not, and more is to follow from them
+            # A killed central may not have synced them, and new records build on them.
+            if int(path.stem) >= self._segments[0].number:
                 sync_path(path)
         cut(last.path, last.end)
 
-    def _hopeless(self, why: str) -> "NoReplay":
+    def _no_replay(self, why: str) -> "NoReplay":
         return NoReplay(f"the inputs in {self.folder} can't be handled again: {why}")
 
 
 def _damaged(segment: InputSegment) -> CentralError:
-    """The error for bytes that are no input though others follow, so that they were not being
-    written.
-    """
+    """The error for a damaged input before sound ones: no interrupted write explains that."""
     msg = (
-        f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
-with what is before it, --fresh begins anew"
+        f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; "
+        "--resume facts continues from the inputs before it, --fresh starts a new run"
     )
     return CentralError(msg)
 
 
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
-    """Each input with the index of the request in it that is to be spared (-1: none)."""
-    before: Input | None = None
+    """Yield each input with the index of the request in it to refuse (-1: none)."""
+    previous: Input | None = None
     for event in inputs:
-        if before is not None and not isinstance(before, Spared):
-            yield before, event.index if isinstance(event, Spared) else -1
-        before = event
-    if before is not None and not isinstance(before, Spared):
-        yield before, -1
+        if previous is not None and not isinstance(previous, Spared):
+            yield previous, event.index if isinstance(event, Spared) else -1
+        previous = event
+    if previous is not None and not isinstance(previous, Spared):
+        yield previous, -1

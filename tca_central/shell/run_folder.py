@@ -1,6 +1,4 @@
-"""The folder of a run: its journal, its inputs, images of its state. A run that ended without a
-goodbye goes on.
-"""
+"""The folder of a run: its journal, inputs and images. An unfinished run continues."""
 
 import logging
 import os
@@ -14,7 +12,7 @@ from tca_central.events import Input
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
-from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
+from tca_central.shell.recovery import UnfinishedRun, recover, unfinished_segments
 from tca_central.shell.run_log import RunLog
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
@@ -22,21 +20,27 @@ log = logging.getLogger("tca.central")
 
 
 class Recorder(Protocol):
-    """What writes there."""
+    """A server that writes to the folder."""
 
     log: RunLog | None
 
-    def take(self, event: Input) -> None:
-        """Let central handle an input."""
+    def handle_input(self, event: Input) -> None:
+        """Handle an input."""
 
 
 class RunFolder:
-    """A folder that this central alone writes to."""
+    """A folder that only this central writes to.
+
+    Args:
+        path: The folder, created if missing.
+        is_fresh: Whether to start a new run in any case.
+        accept: Whether a run continues in spite of a difference between journal and inputs.
+
+    Raises:
+        CentralError: The folder is in use or can't be written, or its run can't continue.
+    """
 
     def __init__(self, path: Path, *, is_fresh: bool = False, accept: bool = False) -> None:
-        """With *is_fresh* a new run begins in any case; with *accept* one goes on in spite of a
-        difference. Raises CentralError.
-        """
         self.path = path
         self._lock = lock_folder(path)
         try:
@@ -48,31 +52,28 @@ class RunFolder:
             os.close(self._lock)
             raise
         earlier = ", after earlier runs" if numbers(path, SEGMENT_SUFFIX) else ""
-        self.history = earlier if self.run is None else ", which goes on"  #: for people
+        self.history = earlier if self.run is None else ", which continues"  #: for the log
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
 
     def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
-        segments = unfinished(self.path, accept=accept or is_fresh)
+        segments = unfinished_segments(self.path, accept=accept or is_fresh)
         if not segments or not is_fresh:
             return recover(self.path, segments, accept=accept) if segments else None
-        segments[-1].end_run("a new run was begun")
-        log.warning(
-            "begins anew: the run that ended without a goodbye, and its tasks, are left as they are"
-        )
+        segments[-1].write_end("a new run was started")
+        log.warning("starts a new run: the unfinished run, and its tasks, are left as they are")
         return None
 
     def open(
         self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False
     ) -> None:
-        """Let a server write there; a run that goes on does so now. Raises CentralError."""
+        """Let a server write there, and continue an unfinished run. Raises CentralError."""
         run, central = self.run, self.central
         inputs = None
         if keeps_inputs:
             clock = central.clock.now if run is not None else None
             inputs = InputLog(self.path, epoch=central.epoch, sync=sync, clock=clock)
-            sync = (
-                Sync.BATCH if sync is Sync.ALWAYS else sync
-            )  # the inputs lead to the same facts again
+            # The inputs are safe, and lead to the same facts again.
+            sync = Sync.BATCH if sync is Sync.ALWAYS else sync
         if run is None:
             server.log = RunLog(JournalWriter(self.path, epoch=central.epoch, sync=sync), inputs)
             return
@@ -84,27 +85,28 @@ class RunFolder:
         if inputs is not None:
             inputs.first = run.first
         server.log = RunLog(journal, inputs, known=run.known, kept=run.kept)
-        self._go_on(server, run, inputs, hold=hold)
+        self._continue_run(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(
+    def _continue_run(
         server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool
     ) -> None:
         restarted = run.restarted(hold=hold)
-        server.take(restarted)
+        server.handle_input(restarted)
         if restarted.skipped and inputs is not None:
-            inputs.make_safe()  # should power go again now, the same numbers must not be passed over once more
+            # It must be on the disk: after another power cut now, other numbers must be skipped.
+            inputs.make_safe()
         log.warning(
-            "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
-awaited%s",
+            "continues the unfinished run, which stopped %.1f s ago: "
+            "%d inputs replayed, %d connections are awaited%s",
             restarted.away,
             run.inputs,
             len(run.central.hold.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
         )
-        for lost in run.gone():
-            server.take(lost)
+        for lost in run.lost_connections():
+            server.handle_input(lost)
 
     def close(self) -> None:
-        """Free the folder."""
+        """Release the folder."""
         os.close(self._lock)

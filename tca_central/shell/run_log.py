@@ -1,6 +1,4 @@
-"""What is written of a run: its inputs and images of its state, for central, and the journal of
-facts, for people.
-"""
+"""The files of a run: inputs and images for central's recovery, and the journal for users."""
 
 import os
 
@@ -13,54 +11,59 @@ from tca_wire.journal.facts import Entry
 
 LEAST_FREE = 256 << 20
 LEAST_SHARE = 20
-"""A disk is nearly full when less than so many bytes are free, and less than a twentieth of it."""
+"""A disk is nearly full with fewer free bytes than LEAST_FREE, and less than a twentieth free."""
 
 
 class RunLog:
-    """Files in one folder."""
+    """The files of one run.
+
+    Args:
+    journal: The run's journal.
+    inputs: The run's log of inputs; None: the run can't continue after a crash.
+    known: The number of events in the newest image.
+    kept: The number of the newest image.
+    """
 
     def __init__(
         self, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0
     ) -> None:
-        """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of
-        the newest image.
-        """
         self.folder = journal.folder
         self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
-    def take(self, event: Input) -> None:
-        """Take an input that is about to be handled."""
+    def add_input(self, event: Input) -> None:
+        """Append an input that is about to be handled."""
         if self._inputs is not None:
             self._inputs.add(event)
 
-    def add(self, entry: Entry) -> None:
-        """Take an entry."""
+    def add_entry(self, entry: Entry) -> None:
+        """Append an entry."""
         self._journal.add(entry)
 
     def flush(self, central: Central) -> None:
-        """End a turn: first what has arrived, then what it came to. Raises CentralError."""
+        """End a turn: write the inputs, then the facts to which they led. Raises CentralError."""
         if self._inputs is not None:
             self._inputs.flush()
         self._journal.flush()
         if self.images is not None:
-            self.images.tend(central)
+            self.images.update(central)
 
     def check(self) -> None:
-        """Raises CentralError if what is written would be lost."""
+        """Raise CentralError if writes would be lost."""
         if self._inputs is not None:
             self._inputs.check()
         self._journal.check()
 
     def is_nearly_full(self) -> bool:
-        """Whether the disk is."""
+        """Whether the disk is nearly full."""
         disk = os.statvfs(self.folder)
         free = disk.f_bavail * disk.f_frsize
         return free < LEAST_FREE and disk.f_bavail * LEAST_SHARE < disk.f_blocks
 
     def end(self, central: Central, why: str, *, is_over: bool) -> None:
-        """Write the rest, and *why* central ends; if it *is over* the run does not go on. Raises
-        CentralError.
+        """Write the rest, and `why` central ends.
+
+        With `is_over` the run ends, else it may continue. Raises CentralError.
         """
         if self.images is not None:
             self.images.close()
@@ -72,8 +75,9 @@ class RunLog:
         )
 
     def abandon(self) -> bool:
-        """Nothing more can be written, and central goes on: the run must not go on from here later.
-        False if the inputs can't be removed.
+        """Stop writing while central continues, and prevent that the run continues from here later.
+
+        Return False if the inputs can't be removed.
         """
         try:
             if self._inputs is not None:

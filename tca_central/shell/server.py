@@ -1,9 +1,8 @@
-"""The ZeroMQ shell around the core: the only file of central that knows sockets, beside `door.py`,
-and clocks.
+"""The ZeroMQ shell around the core: with `door.py`, the only code of central that uses sockets.
 
-A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to
-one connection that arise in the same turn leave in one packet. A connection that takes no more has
-its packets kept, up to a bound.
+A turn of the loop: read the packets that have arrived, handle them, journal the effects, send the
+messages. Messages of one turn to one connection leave in one packet. Packets for a connection that
+accepts no more wait in its outbox, up to a bound.
 """
 
 import contextlib
@@ -56,7 +55,8 @@ log = logging.getLogger("tca.central")
 _EVENTS, _POLLIN, _RCVMORE = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.RCVMORE)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
-LIVELY = 20  # milliseconds after a packet in which the next one is likely to come
+# Milliseconds after a packet in which another one is likely.
+LIVELY = 20
 
 _OPTIONS = (
     (zmq.ROUTER_MANDATORY, 1),
@@ -67,31 +67,42 @@ _OPTIONS = (
     (zmq.LINGER, 1000),
     (zmq.HANDSHAKE_IVL, 2000),
     # No HEARTBEAT_IVL: docs/decisions/0063-the-pulse-of-a-process.md
-    (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing
-    (zmq.TCP_KEEPALIVE, 1),  # and something is always on the way
+    (zmq.TCP_MAXRT, 5000),  # milliseconds that the far end may acknowledge nothing
+    (zmq.TCP_KEEPALIVE, 1),  # so that there is always something to acknowledge
     (zmq.TCP_KEEPALIVE_IDLE, 1),  # seconds
     (zmq.TCP_KEEPALIVE_INTVL, 1),
 )
 
 _BEAT = codec.pack_item(Beat())
-PULSE_PERIOD = 1.0
-BEAT_PERIOD = 2.0  # to connections that wait for an answer
-SWEEP_PERIOD = 30.0  # to all of them
+PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
+BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
+SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 LOST_AFTER = 5
-"""Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as
-lost.
-"""
-PACKETS_PER_TURN = 64  # so many that who sends much does not outrun a slot, which gets its next messages once a turn
+"""Unanswered heartbeats on a pulse after which its process, which stands still, counts as lost."""
+# Packets read per turn: few enough that one flooding sender can't starve the slots, which get
+# their next messages once a turn.
+PACKETS_PER_TURN = 64
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
-"""A turn that has taken in so much, or so long, ends after the packet: others wait for their
-answers.
-"""
-TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
+"""A turn ends once it exceeds these bytes or seconds: other connections wait for answers."""
+# Turns that read pending packets before a connection counts as lost. A bound, so that a flood from
+# others can't hide the loss for ever.
+MOST_DRAIN_TURNS = 1000
 
 
 class Daemon:
-    """Central as a daemon: the core, its journal and its socket."""
+    """Central as a daemon: the core, its journal and its socket.
+
+    Args:
+        central: The core, new or recovered.
+        endpoint: The address to bind, `ipc:///path` or `tcp://host:port`.
+        lost_after: Seconds of silence after which a process that stands still counts as lost; 0:
+            never.
+        gate: Decides which programs may connect (default: over TCP, every program).
+        memory: Bytes of what modules send that central holds at most.
+        tap_depth: Listeners of wiretaps in one chain of messages at most.
+        task_depth: Tasks above one another at most.
+    """
 
     def __init__(
         self,
@@ -104,17 +115,15 @@ class Daemon:
         tap_depth: int = TAP_DEPTH,
         task_depth: int = TASK_DEPTH,
     ) -> None:
-        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many.
-        Without a *gate* everybody may come over TCP. *memory*: bytes of what modules send that are
-        held; the others are limits, too.
-        """
         self._limits = memory, tap_depth, task_depth
         self.central = central
         self.log: RunLog | None = None
-        self.goes_on_unrecorded = False  #: when the log can't be written any more
-        self.stopping = ""  #: why the loop shall end
-        self._is_told_to_end = False  #: so that it does not go on when central starts again
-        self._began = time.monotonic() - central.clock.now
+        #: Whether to continue without a journal when the journal can't be written.
+        self.continues_unrecorded = False
+        self.stopping = ""  #: why the loop must end; "" while it runs
+        #: Whether ``stop`` was called: then the run ends, and does not continue at the next start.
+        self._is_stop_requested = False
+        self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
         self._too_slow: dict[ConnectionId, str] = {}
         self._lines = LogLines(log, central)
@@ -126,30 +135,29 @@ class Daemon:
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._gate = gate or gate_for(endpoint, insecure=True)
-        self._lock = _lock_of(endpoint)
+        self._lock = _lock_address(endpoint)
         self._context = zmq.Context()
-        self._has_lost = False  #: a connection has closed, and it is not known which
-        self._closed = 0  #: lines that have closed, as the door counts them
-        self._expected = 0  #: those whose end was announced, or that have been looked for
-        self._wake, self._woken = sockets.socketpair()
-        self._wake.setblocking(False)
+        #: Whether an unknown connection has closed: heartbeats to all connections show which.
+        self._has_lost = False
+        self._closed = 0  #: sockets that have closed, as the door counts them
+        self._expected = 0  #: closed sockets that are accounted for: announced, or searched for
+        self._wake_sender, self._wake_receiver = sockets.socketpair()
+        self._wake_sender.setblocking(False)
         self.socket, self._door = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
-        self._is_lively = False  #: something has arrived just now, so that more is likely to
+        self._is_lively = False  #: a packet has just arrived, so another one is likely
         self._poller = zmq.Poller()
-        self._poller.register(self._woken.fileno(), _POLLIN)
+        self._poller.register(self._wake_receiver.fileno(), _POLLIN)
         self._poller.register(self.socket, _POLLIN)
 
     def stop(self, why: str) -> None:
-        """End the loop, and the run; may be called from a signal handler or another thread."""
-        self._is_told_to_end = True
+        """End the loop, and with it the run. Signal handlers and other threads may call this."""
+        self._is_stop_requested = True
         self.stopping = why
         self._wake_up()
 
-    def look_again(self) -> None:
-        """Look soon at what may have changed beside this process; may be called from a signal
-        handler.
-        """
+    def check_soon(self) -> None:
+        """Check keys, permissions and log files soon. Signal handlers may call this."""
         self._next_pulse = 0.0
         self._wake_up()
 
@@ -158,68 +166,68 @@ class Daemon:
         self._wake_up()
 
     def _wake_up(self) -> None:
-        # the loop may have seen it already, and be over; or has yet to hear the last
+        # OSError: the loop has ended and closed the socket, or earlier wake-ups fill its buffer.
         with contextlib.suppress(OSError):
-            self._wake.send(b".")
+            self._wake_sender.send(b".")
 
     # --- the loop ---------------------------------------------------------------------------------
 
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
-        self._ask_gate()
+        self._apply_gate_changes()
         budget = self.central.budget
         if (budget.total, budget.tap_depth, budget.task_depth) != self._limits:
-            self.take(LimitsSet(self.now(), *self._limits))
+            self.handle_input(LimitsSet(self.now(), *self._limits))
         while not self.stopping:
-            patience = self._patience()
+            patience = self._poll_timeout()
             if self._is_lively and patience > LIVELY:
-                self._is_lively = self._receive(
-                    0
-                )  # ZeroMQ's own wait costs less, but only a packet ends it
+                # ZeroMQ's own wait is cheaper than a poll, but only a packet ends it.
+                self._is_lively = self._receive(0)
             else:
                 for source, _ in self._poller.poll(patience):
                     if source is self.socket:
                         self._is_lively = self._receive()
                     else:
-                        self._woken.recv(4096)
+                        self._wake_receiver.recv(4096)
             if not patience:
-                self._do_what_is_due()
+                self._run_due_work()
             self._flush()
 
-    def take(self, event: Input) -> None:
-        """Let central handle an input, and take over what is to be done about it."""
+    def handle_input(self, event: Input) -> None:
+        """Log an input, pass it to the core, carry out its effects. Raises CentralError."""
         events = events_of(event)
         if self.log is not None:
-            self.log.take(_as_kept(event, events))
+            self.log.add_input(_as_logged(event, events))
         handle = self.central.handle
         for index, one in enumerate(events):
             if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
-                self._note(one.connection, one.header)
+                self._track(one.connection, one.header)
             try:
                 effects = handle(one)
             except Exception as error:
-                raise self._own_error(one, error, index) from error
+                raise self._internal_error(one, error, index) from error
             self._perform(effects)
 
-    def _note(self, connection: ConnectionId, header: Bye | Receipt) -> None:
+    def _track(self, connection: ConnectionId, header: Bye | Receipt) -> None:
         if isinstance(header, Bye):
-            self._expected += self._lines_of(connection)
+            self._expected += self._count_sockets(connection)
         else:
-            self._outboxes.got(connection, header.size)
+            self._outboxes.credit(connection, header.size)
 
-    def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
-        """An error of central's own ends it (decision 52). What brought it about is left out when
-        it comes back.
+    def _internal_error(self, event: Event, error: Exception, index: int) -> CentralError:
+        """Return the error with which central ends after an error of its own (decision 52).
+
+        Log that a replay must refuse this request, which would end central again.
         """
         if self.log is not None:
-            self.log.take(Spared(index))
-        what, who = type(event).__name__, ""
+            self.log.add_input(Spared(index))
+        kind, owner = type(event).__name__, ""
         if isinstance(event, RequestReceived):
-            what = type(event.header).__name__
+            kind = type(event.header).__name__
             sender = self.central.registry.connections.get(event.connection)
-            who = f" of module '{sender.module.name}'" if sender is not None else ""
+            owner = f" of module '{sender.module.name}'" if sender is not None else ""
         self.stopping = (
-            f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+            f"internal error: {type(error).__name__} in event {self.central.events}, {kind}{owner}"
         )
         log.error("%s; the event was %.1000r", self.stopping, event, exc_info=error)
         return CentralError(
@@ -229,13 +237,13 @@ class Daemon:
     def _perform(self, effects: list[Effect]) -> None:
         for effect in effects:
             if isinstance(effect, Transmit):
-                self._put(effect.connection, effect.header, effect.body)
+                self._enqueue(effect.connection, effect.header, effect.body)
                 continue
             if self.log is not None:
-                self.log.add(effect.entry)
+                self.log.add_entry(effect.entry)
             self._lines.write(effect)
 
-    def _do_what_is_due(self) -> None:
+    def _run_due_work(self) -> None:
         if self._closed > self._expected:
             self._has_lost, self._expected = True, self._closed
         if self._has_lost or self._too_slow or self.now() >= self._next_beat:
@@ -244,26 +252,24 @@ class Daemon:
             self._find_silent()
         due = self.central.clock.next
         if due is not None and due <= self.now():
-            self.take(Tick(self.now()))
+            self.handle_input(Tick(self.now()))
 
     def _flush(self) -> None:
-        """End a turn: first the log, then the messages that it justifies."""
+        """End a turn: write the log first, then send the messages that it records."""
         if self.log is not None:
             try:
                 self.log.flush(self.central)
             except CentralError as error:
-                self._log_lost(error)
-        for connection in self._outboxes.send_all():  # the next beat tells the core
+                self._on_log_failure(error)
+        for connection in self._outboxes.send_all():  # the next heartbeats find the loss
             self._has_lost |= connection in self.central.registry.connections
-        for connection, size in self._outboxes.give_up_beyond(self.central.budget.unread).items():
-            self._too_slow[connection] = f"it reads too slowly: {size} bytes wait for it"
+        for connection, size in self._outboxes.drop_beyond(self.central.budget.unread).items():
+            self._too_slow[connection] = f"it reads too slowly: {size:,} bytes wait for it"
 
-    def _log_lost(self, error: CentralError) -> None:
-        """What is done is not recorded any more. Raises the error, unless central is to go on all
-        the same.
-        """
-        if self.log is None or not self.goes_on_unrecorded:
-            self._outboxes.forget_all()  # nothing unrecorded may be sent
+    def _on_log_failure(self, error: CentralError) -> None:
+        """Continue without a journal if that was asked for; else raise the error."""
+        if self.log is None or not self.continues_unrecorded:
+            self._outboxes.forget_all()  # nothing may be sent that is not recorded
             raise error
         advice = (
             ""
@@ -271,35 +277,34 @@ class Daemon:
             else f"; remove {self.log.folder} before central is started again"
         )
         log.error(
-            "%s; but it goes on without a journal, as it was told: if it crashes, all is lost%s",
+            "%s; central continues without a journal (--if-journal-fails go-on): "
+            "a crash would lose all tasks%s",
             error,
             advice,
         )
         self.log = None
 
-    def _look_at_log(self) -> None:
-        """Find what a write would not: that files were removed, or that the disk is nearly full."""
+    def _check_log(self) -> None:
+        """Find what a write would not: removed files, and a disk that is nearly full."""
         if self.log is None:
             return
         try:
             self.log.check()
             is_low = self.log.is_nearly_full()
         except CentralError as error:
-            self._log_lost(error)
-        except OSError:  # the next write will tell
+            self._on_log_failure(error)
+        except OSError:  # the next write will fail, too
             return
         else:
             if is_low != self.central.is_disk_low:
-                self.take(DiskSpace(self.now(), is_low))
+                self.handle_input(DiskSpace(self.now(), is_low))
 
     def now(self) -> float:
-        """Seconds since central began, on a clock that never jumps."""
-        return time.monotonic() - self._began
+        """Seconds since the run started, on a clock that never jumps."""
+        return time.monotonic() - self._started_at
 
-    def _patience(self) -> int:
-        """Milliseconds until something is due: the next beat, or a timer, or another try with a
-        slow connection.
-        """
+    def _poll_timeout(self) -> int:
+        """Milliseconds until the next heartbeat, timer or retry of a slow connection."""
         until = min(self._next_beat, self._next_pulse)
         due = self.central.clock.next
         if due is not None and due < until:
@@ -307,73 +312,76 @@ class Daemon:
         left = until - self.now()
         if left <= 0 or self._has_lost or self._too_slow or self._closed > self._expected:
             return 0
-        return 10 if self._outboxes.are_waiting else int(left * 1000) + 1
+        return 10 if self._outboxes.has_waiting else int(left * 1000) + 1
 
     # --- receiving --------------------------------------------------------------------------------
 
     def _receive(self, flags: int = _DONTWAIT) -> bool:
-        """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a
-        moment for it.
+        """Handle the packets that have arrived, up to a bound. Return whether there were any.
+
+        With `flags` 0 wait up to LIVELY milliseconds for the first one.
         """
         receive, size, until = self.socket.recv, 0, 0.0
-        self._has_arrived()  # else ZeroMQ looks for others only each hundred frames, while one has sent more
+        # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every
+        # hundred frames while one sender has more.
+        self._has_arrived()
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))
-            except (
-                zmq.Again
-            ):  # dearer than to ask, but where there are two packets there may be many
+            except zmq.Again:
+                # Dearer than asking first, but where there are two packets there may be many.
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
-            if size and len(frame) > BYTES_PER_TURN:  # those before need not wait for it
+            if size and len(frame) > BYTES_PER_TURN:  # answers to earlier packets need not wait
                 self._flush()
             size += len(frame) if now < until else BYTES_PER_TURN
-            self._take_in(connection, frame, now)
+            self._accept_packet(connection, frame, now)
         return True
 
-    def _take_in(self, connection: ConnectionId, frame: zmq.Frame, now: float) -> None:
-        """Let a packet happen, if who sent it has a say."""
+    def _accept_packet(self, connection: ConnectionId, frame: zmq.Frame, now: float) -> None:
+        """Handle a packet if its sender may connect."""
         if (principal := self._gate.principal_of(frame)) is None or connection.startswith(AWAY):
-            self._turn_away(connection, frame)
+            self._reject(connection, frame)
             return
-        if self._gate.has_news:
-            self._ask_gate()
-        self._pulses.heard.add(connection)
+        if self._gate.has_changes:
+            self._apply_gate_changes()
+        self._pulses.active.add(connection)
         if frame.more:
-            self.take(BadBytes(now, connection, self._many_frames(frame)))
+            self.handle_input(BadBytes(now, connection, self._discard_frames(frame)))
             return
         packet = frame.bytes
-        if not packet:  # a line is new
-            self._greet(connection)
-        elif packet != _BEAT:  # sent back by a pulse
-            self.take(Arrived(now, connection, packet, principal))
+        if not packet:  # a new connection
+            self._ask_identity(connection)
+        elif packet != _BEAT:  # a pulse returns heartbeats
+            self.handle_input(Arrived(now, connection, packet, principal))
 
-    def _turn_away(self, connection: ConnectionId, frame: zmq.Frame) -> None:
-        """What comes from somebody who has no say is not even read; he is told so once."""
-        self._many_frames(frame)
-        if self._gate.is_new(connection):
-            self._put(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
+    def _reject(self, connection: ConnectionId, frame: zmq.Frame) -> None:
+        """Discard a packet whose sender may not connect, unread; at its first one say so."""
+        self._discard_frames(frame)
+        if self._gate.is_first_rejection(connection):
+            self._enqueue(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
 
-    def _many_frames(self, frame: zmq.Frame) -> str:
-        """Take in the other frames of a message that has several; what is wrong with it."""
+    def _discard_frames(self, frame: zmq.Frame) -> str:
+        """Discard the other frames of a message, and return the complaint about it."""
         frames, receive, is_more = 1, self.socket.recv, self.socket.getsockopt
         more: Any = frame.more
-        while more:  # nobody else is heard meanwhile: so it is to be quick
+        while more:  # central handles nothing else in the meantime: keep it short
             receive(_DONTWAIT)
             frames, more = frames + 1, is_more(_RCVMORE)
         return f"{frames:,} frames; a packet is one"
 
-    def _greet(self, connection: ConnectionId) -> None:
-        """Somebody has connected, or connected again: he is to say who he is."""
+    def _ask_identity(self, connection: ConnectionId) -> None:
+        """Ask an unknown connection to identify itself."""
         if connection not in self.central.registry.connections:
-            self._put(connection, Unknown(), b"")
+            self._enqueue(connection, Unknown(), b"")
 
-    def _lines_of(self, connection: ConnectionId) -> int:
-        """The number of lines that close with a connection: its own, and its process's pulse with
-        the last one.
+    def _count_sockets(self, connection: ConnectionId) -> int:
+        """Count the sockets that close with a connection.
+
+        These are its own and, with the last connection of its process, the pulse.
         """
         known = self.central.registry.connections
         if (leaving := known.get(connection)) is None:
@@ -382,86 +390,86 @@ class Daemon:
             bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1
         )
 
-    def _ask_gate(self) -> None:
-        """Keys and permissions may have changed."""
-        for event in self._gate.news(self.now(), self.central):
-            self.take(event)
+    def _apply_gate_changes(self) -> None:
+        """Handle changes of keys and permissions."""
+        for event in self._gate.changes(self.now(), self.central):
+            self.handle_input(event)
             if isinstance(event, ConnectionLost):
-                self._put(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
+                self._enqueue(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
 
     def _find_lost(self) -> None:
-        """Beat to those who wait for an answer; to all when some are gone, for the door does not
-        tell which (the socket does), and now and then.
+        """Send heartbeats to connections, and handle the loss of closed ones.
+
+        Usually they go to connections that wait for an answer. They go to all after an unexplained
+        close, since the door counts closes but can't say whose, and once per SWEEP_PERIOD.
         """
         now, known = self.now(), self.central.registry.connections
         is_sweep = self._has_lost or now >= self._next_sweep
         if self._has_lost:
-            self._has_lost, self._next_sweep = (
-                False,
-                now + PULSE_PERIOD,
-            )  # the door may be ahead of the socket
+            # Sweep again soon: the door may see a close before the socket does.
+            self._has_lost, self._next_sweep = False, now + PULSE_PERIOD
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
-            self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
+            # Some connections say Bye and stay open.
+            self._expected = min(self._expected, self._closed)
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes.connections() if one not in known]:
-            self._outboxes.forget(stranger, is_gone=not self._beat(stranger))
+            self._outboxes.forget(stranger, is_closed=not self._send_heartbeat(stranger))
         if self.central.untold:
-            self.take(TellAll(now))
+            self.handle_input(TellAll(now))
         for connection, why in self._too_slow.items():
-            self.take(ConnectionLost(now, connection, why))
-            self._greet(connection)
+            self.handle_input(ConnectionLost(now, connection, why))
+            self._ask_identity(connection)
         self._too_slow.clear()
         beats = [
             one
             for one in known.values()
             if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
         ]
-        gone = [one.id for one in beats if not self._beat(one.id)]
-        if gone:
-            self._hear_last_words()
-        for connection in gone:
-            self.take(ConnectionLost(self.now(), connection))
+        closed = [one.id for one in beats if not self._send_heartbeat(one.id)]
+        if closed:
+            self._drain()
+        for connection in closed:
+            self.handle_input(ConnectionLost(self.now(), connection))
 
-    def _beat(self, connection: ConnectionId) -> bool:
-        """Say that central lives; False if nobody is there."""
+    def _send_heartbeat(self, connection: ConnectionId) -> bool:
+        """Send a heartbeat. Return False if the connection is closed."""
         try:
             self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
         except zmq.Again:
-            return True  # more than enough are on their way
+            return True  # earlier heartbeats are still on their way
         except zmq.ZMQError:
             return False
         return True
 
     def _find_silent(self) -> None:
-        """Beat to every process; those that stand still do not send it back, whatever the kernel
-        says of them.
+        """Send heartbeats to all pulses, and handle the loss of processes that stand still.
+
+        A stopped process returns no heartbeat, although the kernel keeps its sockets open.
         """
         self._next_pulse = self.now() + PULSE_PERIOD
-        self._look_at_log()
-        self._ask_gate()
-        self._lines.losses.tell(self.now())
+        self._check_log()
+        self._apply_gate_changes()
+        self._lines.losses.write_due(self.now())
         known, pulses = self.central.registry.connections, self._pulses
-        beating = pulses.beat(known.values()) if self._lost_after else set()
+        beating = pulses.start_round(known.values()) if self._lost_after else set()
         if pulses.silent():
-            self._hear_last_words()  # their sign of life may have come, and not been read
-            pulses.listen(known.values())
+            self._drain()  # their heartbeats may have arrived without being read
+            pulses.count_signs(known.values())
         silent = pulses.silent()
         for connection in [one for one in known.values() if one.pulse in silent]:
             why = f"its process was silent for {self._lost_after} s"
-            self.take(ConnectionLost(self.now(), connection.id, why))
-            self._greet(connection.id)  # should it go on
+            self.handle_input(ConnectionLost(self.now(), connection.id, why))
+            self._ask_identity(connection.id)  # for when the process continues
         for pulse in beating - silent:
-            if self._beat(ConnectionId(pulse)):
-                pulses.sent(pulse)
+            if self._send_heartbeat(ConnectionId(pulse)):
+                pulses.mark_sent(pulse)
             else:
-                pulses.gone(pulse)
+                pulses.mark_closed(pulse)
 
-    def _hear_last_words(self) -> None:
-        """Let happen all that has arrived by now: a connection may have said goodbye before it
-        went.
-        """
-        for _ in range(TURNS_OF_LAST_WORDS):
+    def _drain(self) -> None:
+        """Handle all packets that have arrived: a connection may have said Bye before it closed."""
+        for _ in range(MOST_DRAIN_TURNS):
             if not self._receive():
                 return
             self._flush()
@@ -472,27 +480,27 @@ class Daemon:
 
     # --- sending ----------------------------------------------------------------------------------
 
-    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
-            return  # whoever comes back is told anew
-        self._outboxes.put(connection, codec.pack_apart(header, body))
+            return  # a connection that returns gets its messages again
+        self._outboxes.add(connection, codec.pack_apart(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
-        """Send a packet; False if the line takes no more now. Raises ConnectionError if there is
-        none.
+        """Send a packet. Return False if the connection accepts no more now.
+
+        Raises ConnectionError if it is closed.
         """
         try:
             self.socket.send(connection, _SNDMORE)
             self.socket.send(packet, _DONTWAIT)
         except zmq.Again:
-            return (
-                connection not in self.central.registry.connections
-            )  # for a stranger nothing is kept
+            # Messages to an unknown connection are dropped, not stored.
+            return connection not in self.central.registry.connections
         except zmq.ZMQError as error:
             raise ConnectionError from error
         return True
 
-    # --- beginning and end ------------------------------------------------------------------------
+    # --- start and end ------------------------------------------------------------------------
 
     def _bind(self, endpoint: str) -> tuple[zmq.Socket[bytes], Door]:
         socket = self._context.socket(zmq.ROUTER)
@@ -516,14 +524,14 @@ class Daemon:
 
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
-        self._lines.losses.tell()
+        self._lines.losses.write_due()
         self._perform(self.central.handle(TellAll(self.now())))
         for connection in self.central.registry.connections:
-            self._put(connection, Closing(self.stopping), b"")
+            self._enqueue(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
             if self.log is not None:
-                self.log.end(self.central, self.stopping, is_over=self._is_told_to_end)
+                self.log.end(self.central, self.stopping, is_over=self._is_stop_requested)
         self._door.close()
         self._gate.close()
         self.socket.close()
@@ -533,18 +541,19 @@ class Daemon:
             os.close(self._lock)
 
     def _close_wakers(self) -> None:
-        self._wake.close()
-        self._woken.close()
+        self._wake_sender.close()
+        self._wake_receiver.close()
 
 
-def _as_kept(event: Input, events: Sequence[Event]) -> Input:
-    """The input as the log has it: of bytes that are no message only that they came."""
+def _as_logged(event: Input, events: Sequence[Event]) -> Input:
+    """The input as the log stores it. Bytes that are no message become their error."""
     return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
 
 
-def _lock_of(endpoint: str) -> int:
-    """Make sure that no other central has this Unix socket: ZeroMQ itself would take it over
-    without a word.
+def _lock_address(endpoint: str) -> int:
+    """Lock a Unix socket's address against other centrals. Return the lock's file (-1: TCP).
+
+    ZeroMQ would silently take over the address of a running central.
     """
     if not endpoint.startswith("ipc:///"):
         return -1
@@ -553,13 +562,16 @@ def _lock_of(endpoint: str) -> int:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         owner = path.parent.stat().st_uid
         if path.parent == default_folder() and owner == os.getuid():
-            path.parent.chmod(0o700)  # whoever made it: only its owner shall enter
+            path.parent.chmod(0o700)  # a user may have made it with other permissions
         locked = os.open(
             f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
         )
         lock(locked)
     except BlockingIOError:
-        msg = f"can't listen on {endpoint}: another central uses it; stop that one, or choose another with --bind"
+        msg = (
+            f"can't listen on {endpoint}: another central uses it; stop it, "
+            "or choose another address with --bind"
+        )
         raise CentralError(msg) from None
     except OSError as error:
         msg = f"can't listen on {endpoint}: {error.strerror}; choose another address with --bind"

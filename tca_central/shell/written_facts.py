@@ -1,55 +1,60 @@
-"""The facts that a run's journal has, beside those that its inputs lead to."""
+"""The facts in a run's journal, compared with the facts to which its inputs lead."""
 
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.shell.log_writer import cut, files_of, is_unbegun, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, has_no_record, move_aside, sync_path
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
-_ADVICE = """A tca of another version may have written it, or a power cut taken the last inputs. --resume facts goes \
-on with what the inputs lead to and puts aside what the journal has from there on; --fresh begins anew"""
+_ADVICE = (
+    "A tca of another version may have written it, or a power cut may have lost the last inputs. "
+    "--resume facts continues from the inputs and moves the rest of the journal aside; "
+    "--fresh starts a new run"
+)
 
 
 class Difference(CentralError):
-    """The journal has something else than what the inputs lead to."""
+    """The journal differs from the facts to which the inputs lead."""
 
     def __init__(self, path: Path, offset: int, written: Entry, given: Entry | None) -> None:
         if given is None or written.number < given.number:
-            what = f"it has entry {written.number}, to which the inputs do not lead"
+            what = f"it has entry {written.number}, to which no input leads"
         elif written.number > given.number:
             what = f"it lacks entry {given.number}"
         else:
-            what = f"entry {given.number} is another one now"
+            what = f"entry {given.number} has other facts"
         super().__init__(
-            f"{path}, byte {offset}: the journal differs from what the inputs lead to: {what}. {_ADVICE}"
+            f"{path}, byte {offset}: the journal does not match the inputs: {what}. {_ADVICE}"
         )
         self.path, self.offset = path, offset
         self.written, self.given = written, given  #: the entries at the first difference
 
 
 class WrittenFacts:
-    """The entries of one run's journal after one of them, in their order."""
+    """The entries of one run's journal after the entry `after`, in order."""
 
     def __init__(self, folder: Path, epoch: str, after: int) -> None:
-        self.opened: Opened | None = None  #: its newest segment's
-        self.last = Entry(0, 0.0, [])  #: its last entry
-        self.compared = 0  #: number of entries that are the same
-        self.aside = 0  #: number of those put aside
+        self.opened: Opened | None = None  #: the head of its newest segment
+        self.last = Entry(0, 0.0, [])  #: the last entry
+        self.compared = 0  #: the number of equal entries
+        self.aside = 0  #: the number of entries moved aside
         self._folder, self._after = folder, after
-        self._place = (folder, 0)  #: of ``_next``
+        self._place = (folder, 0)  #: the file and offset of ``_next``
         self._has_holes = False
         self._paths = self._of_run(epoch, after)
-        self._end = 0  #: the place behind the last entry
+        self._end = 0  #: the offset after the last entry
         self._entries = self._read()
         self._next = next(self._entries, None)
 
     def compare(self, given: Iterator[Entry], missing: list[Entry]) -> Difference | None:
-        """The first difference to what the inputs lead to; None if there is none. Entries that the
-        journal lacks at its end are *missing*; so is the one at a difference.
+        """Return the first difference to the entries to which the inputs lead; None: all are equal.
+
+        Entries that the journal lacks at its end are appended to `missing`; so is the entry at a
+        difference.
         """
         for entry in given:
             if self._next is None:
@@ -70,7 +75,7 @@ class WrittenFacts:
         return Difference(*self._place, self._next, None) if self._next is not None else None
 
     def _whole(self) -> Entry:
-        """The next entry; one that was too big for a record has several."""
+        """The next entry. One that was too big for a record is joined from several."""
         assert self._next is not None
         whole = Entry(self._next.number, self._next.time, [], self._next.cause)
         while self._next is not None and self._next.number == whole.number:
@@ -78,38 +83,35 @@ class WrittenFacts:
             self.last, self._next = self._next, next(self._entries, None)
         return whole
 
-    def put_aside(self, difference: Difference) -> None:
-        """Go on with what the inputs lead to; what the journal has from there on is kept in files
-        beside it.
-        """
+    def move_aside(self, difference: Difference) -> None:
+        """Cut the journal at a difference, and move the rest to files beside it."""
         path, place = difference.path, self._paths.index(difference.path)
         self.aside += 1 + sum(1 for _ in self._entries)
-        put_aside(path, difference.offset, *self._paths[place + 1 :])
-        self.opened = _beginning(path)[0] or self.opened
+        move_aside(path, difference.offset, *self._paths[place + 1 :])
+        self.opened = _head_of(path)[0] or self.opened
         self._next, self._end, self._paths = None, difference.offset, self._paths[: place + 1]
 
-    def mend(self) -> None:
-        """Take away, for good, what was being written: another segment follows. Raises OSError."""
+    def cut_journal(self) -> None:
+        """Cut a partial record at the end, for another segment follows. Raises OSError."""
         for path in files_of(self._folder, SEGMENT_SUFFIX):
-            if (not self._paths or path > self._paths[-1]) and is_unbegun(path):
+            if (not self._paths or path > self._paths[-1]) and has_no_record(path):
                 path.unlink()
         sync_path(self._folder)
         for path in self._paths:
-            sync_path(
-                path
-            )  # nothing leads to them again when there is an image of what came after them
+            # No input leads to these facts again once an image of a later state exists.
+            sync_path(path)
         if self._paths:
             cut(self._paths[-1], self._end)
 
     # --- reading ----------------------------------------------------------------------------------
 
     def _of_run(self, epoch: str, after: int) -> list[Path]:
-        """The run's segments from the one in which that entry is."""
+        """The run's segments, from the one that contains the entry `after`."""
         found: list[Path] = []
         for path in reversed(files_of(self._folder, SEGMENT_SUFFIX)):
-            opened, first = _beginning(path)
+            opened, first = _head_of(path)
             if opened is None:
-                if not is_unbegun(path):  # else central ended while it began it
+                if not has_no_record(path):  # else central ended while creating it
                     self._has_holes = True
                     found.append(path)
                 continue
@@ -140,8 +142,8 @@ class WrittenFacts:
                 self._end = reader.offset
 
 
-def _beginning(path: Path) -> tuple[Opened | None, int]:
-    """The first fact of a segment, and the number of the last entry before it."""
+def _head_of(path: Path) -> tuple[Opened | None, int]:
+    """The first fact of a segment, and the number of the last entry before the segment."""
     with path.open("rb") as stream:
         try:
             entry = next(iter(JournalReader(stream, str(path))), None)
@@ -153,16 +155,16 @@ def _beginning(path: Path) -> tuple[Opened | None, int]:
 
 
 def newest_segment(folder: Path) -> tuple[Path, str] | None:
-    """The newest segment that says whose it is, and the epoch of its run."""
+    """The newest segment with a readable head, and the epoch of its run."""
     paths = reversed(files_of(folder, SEGMENT_SUFFIX))
     return next(
-        ((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None),
+        ((path, opened.epoch) for path in paths if (opened := _head_of(path)[0]) is not None),
         None,
     )
 
 
 def is_closed(path: Path) -> bool:
-    """Whether the run has ended of its own will whose newest segment this is."""
+    """Whether the run whose newest segment this is ended regularly."""
     entry = None
     with path.open("rb") as stream, contextlib.suppress(JournalDamaged):
         for entry in JournalReader(stream, str(path)):  # noqa: B007 - the last one is wanted

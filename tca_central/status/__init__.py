@@ -1,1 +1,1 @@
-"""Central's answers about itself. Changes nothing."""
+"""Central's answers about itself. This changes no state."""

@@ -1,7 +1,7 @@
-"""The load, and the longest waits: what ``tca status`` and ``tca top`` show. Changes nothing.
+"""The load and the longest waits, for ``tca status`` and ``tca top``. This changes no state.
 
-Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns
-the rates. Times are seconds of central's clock.
+Counts grow from the start of the run (of the module, for a resource): the difference of two answers
+gives a rate. Times are seconds of central's clock.
 """
 
 import heapq
@@ -22,22 +22,21 @@ from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
-"""Living tasks, the oldest, among which those that are held are looked for and counted: nothing
-need be noted of it.
-"""
+"""Tasks, the oldest, that are searched for held ones: the number bounds the cost of an answer."""
 _EDGES = 10_000
-"""Edges of the graph of needs, visited to find the last causes of waits."""
+"""Edges of the graph of needs to visit at most, in search of the final causes of waits."""
 _ENDS = 10
 
 _SINCE = attrgetter("since", "arrival")
 
 _Since = tuple[float, Callable[[], Waiter]]
-"""Since when, and who; that is made only of those that are told."""
+"""The start of a wait, and a function that describes it, called only for waits that are shown."""
 
 
 def load(central: State) -> dict[str, Any]:
-    """Counts of everything and the longest waits, SHOWN_WAITS of a kind; "ends": what most held
-    tasks wait for.
+    """Counts of everything and the longest waits, SHOWN_WAITS of a kind.
+
+    "ends" has the final causes that most held tasks wait for.
     """
     registry = central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
@@ -64,8 +63,9 @@ def load(central: State) -> dict[str, Any]:
 
 
 def _memory(central: State) -> dict[str, tuple[int, int]]:
-    """What each part of the budget holds, and may hold, in bytes; but what was sent and not read,
-    which is the server's.
+    """The bytes that each part of the budget holds, and may hold.
+
+    Without sent but unread bytes, which the server counts.
     """
     budget = central.budget
     return {
@@ -114,15 +114,13 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
 
 
 def _handled(one: Delivery, now: float) -> dict[str, Any]:
-    """A message with a handler; of a task its state, unless it just runs."""
+    """A message with a handler; for a task its state, unless that is the usual one."""
     state = one.state if isinstance(one, Task) and one.state != one.message.running else ""
     return {"id": one.id, "message": one.message.name, "state": state, "seconds": now - one.since}
 
 
 def _waits(central: State) -> Iterator[_Since]:
-    """The oldest message in each queue, those that wait for a handler, claims, and handlers that
-    wait.
-    """
+    """The oldest message of each queue, messages without a handler, claims, waiting handlers."""
     for resource in (
         one for module in central.registry.modules.values() for one in module.resources.values()
     ):
@@ -144,7 +142,7 @@ def _waits(central: State) -> Iterator[_Since]:
 
 
 def _claims(central: State) -> Iterator[_Since]:
-    """Claims for which nobody blocks."""
+    """Claims for which no handler or client blocks."""
     for (connection, number), claim in central.claims.items():
         if not (claim.is_granted or number in connection.waits or number in connection.pauses):
             origin = claim.holder.given_as if claim.holder is not None else 0
@@ -170,8 +168,9 @@ def _blocking(
 
 
 def _held(central: State) -> list[Task]:
-    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors
-    that are waited for; those first that were sent or last handled first.
+    """Tasks that constraints or a suspended parent hold back, and monitors that are waited for.
+
+    The longest held come first.
     """
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = [
@@ -185,9 +184,8 @@ def _held(central: State) -> list[Task]:
 def _is_held(task: Task) -> bool:
     parent = task.parent
     if task.suspended and parent is not None:
-        return parent.suspended and (
-            has_held_start(task) or not task.reached & START_HANDLING
-        )  # else it is told itself
+        # else it is among the suspended ones itself
+        return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
     if task.message.is_aside and task.reached & START_HANDLING and not task.returned:
         return not task.is_watcher and parent is not None and parent.id != ROOT
     return has_held_start(task) or (task.returned and bool(task.held))
@@ -208,7 +206,7 @@ def _waiter(
 
 
 def _suspended(central: State) -> list[Waiter]:
-    """The topmost suspended tasks (those under them are, too), the longest first."""
+    """The topmost suspended tasks, the longest suspended first."""
     noted = (
         (central.tree.tasks[number], *how)
         for number, how in islice(central.tree.suspended.items(), LOOKED_AT)
@@ -226,7 +224,7 @@ def _suspended(central: State) -> list[Waiter]:
 
 
 def _killed(central: State) -> list[Waiter]:
-    """Killed tasks whose handler still runs, with its waits as far as central knows."""
+    """Killed tasks whose handler still runs, with the handler's known waits."""
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
         for one in central.dispatcher.running.values()
@@ -235,7 +233,7 @@ def _killed(central: State) -> list[Waiter]:
 
 
 def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
-    """The handler of a task, with its waits or, if it has none, its last request."""
+    """The handler of a task, with its waits or, without waits, its last request."""
     because = tuple(waits_of(central, Returning(task)))
     asked = [
         number

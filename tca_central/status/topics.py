@@ -1,4 +1,4 @@
-"""Central's answers about itself: one function a topic, plain values out. Changes nothing."""
+"""Central's answers about itself: one function per topic, returning plain values."""
 
 import itertools
 from collections.abc import Iterable
@@ -54,7 +54,7 @@ def overview(central: State) -> dict[str, Any]:
 
 
 def modules(central: State) -> list[dict[str, Any]]:
-    """Each module with its resources and what they do."""
+    """Each module with its resources and their load."""
     return [
         {
             "module": module.name,
@@ -81,7 +81,7 @@ def _resource(resource: ModuleResource) -> dict[str, Any]:
 
 
 def messages(central: State) -> list[dict[str, Any]]:
-    """Each message with its class, its handlers (newest first) and how many wait for one."""
+    """Each message with its class, its handlers (newest first), and the number that wait."""
     return [
         {
             "message": message.name,
@@ -118,7 +118,7 @@ def _handler(handler: Handler) -> dict[str, Any]:
 
 
 def tree(central: State) -> list[dict[str, Any]]:
-    """The live tasks, parents first, at most SHOWN_TASKS."""
+    """The living tasks, parents first, at most SHOWN_TASKS."""
     everything = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
     return [describe(task) for task in everything]
 
@@ -166,8 +166,9 @@ def _ended(task: KeptTask) -> dict[str, Any]:
 def relatives(
     central: State, task: Task | KeptTask | None, relation: str, message: str
 ) -> list[dict[str, Any]]:
-    """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest
-    first.
+    """The relatives of a task with their data, nearest or oldest first.
+
+    `message`: only the tasks of that message; "": all.
     """
     if task is None:
         return []
@@ -196,9 +197,7 @@ def relatives(
 
 
 def variables(central: State) -> list[dict[str, Any]]:
-    """Each variable with its value as MessagePack (left out if it is long), who set it and who
-    watches it.
-    """
+    """Each variable with its value as MessagePack (empty if long), its setter and its watchers."""
     found = []
     for message in central.registry.messages.values():
         if not message.message_class.keeps_value:
@@ -218,9 +217,10 @@ def variables(central: State) -> list[dict[str, Any]]:
 
 
 def attached(central: State) -> dict[str, Any]:
-    """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that
-    are handled again last), at most SHOWN_TASKS of each, and in "totals" how many there are. A
-    *task* of 0 without a *message* is the root; a *failure* of "" is any.
+    """The exception handlers, wiretaps and monitors in force, at most SHOWN_TASKS of each.
+
+    They are sorted oldest first, except retried monitors, which are last. "totals" has their
+    numbers. A *task* of 0 without a *message* is the root; a *failure* of "" is any.
     """
     ready = central.registry.ready_programs()
     handlers = [
@@ -279,18 +279,20 @@ def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
 def _held(
     central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]
 ) -> dict[str, Any]:
-    """The modules that attached something. *gone* are those that have left; *earlier* those of
-    which a later run is there that has not attached it. It *is stale* if there are no others; what
-    hangs at a task is not, and ends with it.
+    """The modules that attached something.
+
+    *gone* are modules that have left; *earlier* are modules with a later run, which has not
+    attached it again. It *is stale* if all of them are earlier. An attachment to a task is never
+    stale, since it ends with the task.
     """
     holders, runs = list(holders), central.registry.modules
-    back = ready - {one.called for one in holders if one.run in runs}
+    rejoined = ready - {one.called for one in holders if one.run in runs}
     lasts = place is central.tree.root or isinstance(place, MessageType)
     return {
         "modules": [one.name for one in holders],
-        "gone": [one.name for one in holders if one.run not in runs and one.called not in back],
-        "earlier": [one.name for one in holders if one.called in back],
-        "is_stale": lasts and bool(holders) and all(one.called in back for one in holders),
+        "gone": [one.name for one in holders if one.run not in runs and one.called not in rejoined],
+        "earlier": [one.name for one in holders if one.called in rejoined],
+        "is_stale": lasts and bool(holders) and all(one.called in rejoined for one in holders),
     }
 
 
@@ -310,14 +312,14 @@ TOPICS = {
     "load": load,
     "attached": attached,
 }
-"""One row per topic that can be asked for."""
+"""One row per topic that modules can ask for."""
 
 
 # --- requests -------------------------------------------------------------------------------------
 
 
 def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
-    """A module asks what central knows of a topic."""
+    """A module asks about a topic."""
     _answer(
         central,
         connection,

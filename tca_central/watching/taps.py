@@ -1,11 +1,10 @@
-"""Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5:
-msgTap.c).
+"""Wiretaps: central sends a listener when something happens to messages (TCA 8.5: msgTap.c).
 
-Theory of operation. A tap is fired *before* a moment, which it holds back until its listener's
-interval of the same kind has ended, or *at* something that has happened. A listener that holds the
-tapped task, or checks what it did, is its child: its failure is handled there, and it dies with it.
-A listener that holds nothing hangs under the root, so that an observer's failure is not the
-observed task's. What is sent for a tap is itself not tapped.
+Theory of operation. A tap fires *before* a moment or *at* an event. Before a moment, it holds the
+moment back until its listener's interval of the same kind has ended. A listener that holds the
+tapped task, or checks what it did, is its child. Its failure is handled there, and it is killed
+with the task. A listener that holds nothing is a child of the root, so that an observer's failure
+is not the observed task's. Messages that central sends for a tap are not tapped themselves.
 """
 
 from collections.abc import Iterable
@@ -59,12 +58,10 @@ MOST_TAPS = 1000
 
 
 _PLANNED_BY = {
-    Condition.BEFORE_PLANNING: "'before handling' holds a goal's planning, too, until it is handled",
+    Condition.BEFORE_PLANNING: "'before handling' also holds a goal's planning until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until the listener is planned, and what to do with one that has
-nothing to plan.
-"""
+"""Conditions that hold a goal until the listener is planned, and advice for other listeners."""
 
 
 # --- adding and removing --------------------------------------------------------------------------
@@ -91,27 +88,26 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.holder
     for other in list(place.taps):
-        is_said_anew = (other.condition, other.listener) == (
+        is_replaced = (other.condition, other.listener) == (
             tap.condition,
             listener,
         ) and other is not tap
-        if is_said_anew and connection.module.name in other.holders:
-            remove(central, other, connection.module)  # its monitor is to watch as is said now
-    _ask_waiting(central, tap)
+        if is_replaced and connection.module.name in other.holders:
+            remove(central, other, connection.module)  # replaced: it has other watch options
+    _apply_to_waiting(central, tap)
     if is_due and isinstance(place, Task) and not tap.has_fired:
         _fire(central, tap, place, place.body)
     central.accept(connection, header.number, tap.id)
 
 
 def _place(central: State, header: headers.Tap) -> Task | MessageType:
-    """The message or task that is tapped; for a call at once a stand-in where the task has
-    ended.
-    """
+    """The message or task to tap; with `at_once` a stand-in for a task that has ended."""
     place: Task | MessageType | None
     if header.message:
         if header.at_once:
             raise RequestError(
-                Refusal.PROTOCOL, f"all '{header.message}' can't be tapped at once: one task can"
+                Refusal.PROTOCOL,
+                f"message '{header.message}' can't be tapped at once: one task can",
             )
         place = central.registry.messages.get(header.message)
     else:
@@ -131,9 +127,7 @@ def _place(central: State, header: headers.Tap) -> Task | MessageType:
 
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
-    """Raises RequestError if such a message can't be tapped so, or the listener can't listen to
-    it.
-    """
+    """Raise RequestError if the condition, the tapped message and the listener don't fit."""
     if tapped.message_class not in CONDITIONS[condition].classes:
         text = f"{tapped.title} can't be tapped '{condition}'"
         raise RequestError(
@@ -141,8 +135,8 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         )
     if listener.message_class not in LISTENERS or listener.is_notice:
         what = "notice" if listener.is_notice else listener.message_class
-        text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
-        raise RequestError(Refusal.PROTOCOL, text)
+        which = "informs, broadcasts, goals, commands and monitors can"
+        raise RequestError(Refusal.PROTOCOL, f"{what} '{listener.name}' can't listen: {which}")
     if (
         condition in _PLANNED_BY
         and listener.message_class.is_task
@@ -150,23 +144,25 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
     ):
         text = f"{listener.title} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(
-            Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}"
+            Refusal.PROTOCOL,
+            f"{text}; use a goal as listener, or note that {_PLANNED_BY[condition]}",
         )
-    heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
+    data = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = (
-        first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+        first_difference(listener.format.data, data) if listener.format.data != NO_DATA else ""
     )
     if difference:
-        text = f"listener '{listener.name}' gets the data of '{tapped.name}' and wants others: {difference}"
+        text = f"listener '{listener.name}' needs other data than '{tapped.name}' has: {difference}"
         raise RequestError(
             Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)"
         )
 
 
 def _is_due(header: headers.Tap, task: Task) -> bool:
-    """Whether the listener is to be sent at once. Raises RequestError if what a task is to be
-    tapped for is past, and it is not, or can't be, sent so. Its handling may come again, with a
-    retry.
+    """Whether to send the listener now, for a condition that has come true.
+
+    Raises RequestError if the condition can't come true any more, and the listener can't be sent
+    now. A task's handling may start again with a retry.
     """
     condition, rule = header.condition, CONDITIONS[header.condition]
     if header.at_once:
@@ -189,20 +185,18 @@ def _is_due(header: headers.Tap, task: Task) -> bool:
 
 
 def _check_at_once(condition: Condition) -> None:
-    """Raises RequestError if a condition that is past can't be made up for."""
+    """Raise RequestError if a listener can't be sent after its condition came true."""
     rule, text = CONDITIONS[condition], f"'{condition}' can't be called at once"
     if rule.holds_until:
         raise RequestError(
-            Refusal.PROTOCOL, f"{text}: it holds back what is to come; use a 'while' condition"
+            Refusal.PROTOCOL, f"{text}: it holds back later steps; use a 'while' condition"
         )
     if rule.at & (SUCCESS | FAILURE | REPLIED):
-        raise RequestError(Refusal.PROTOCOL, f"{text}: it is not remembered; 'after handled' is")
+        raise RequestError(Refusal.PROTOCOL, f"{text}: it is not stored; use 'after handled'")
 
 
 def _has_happened(condition: Condition, task: Task) -> bool:
-    """Whether what a task is tapped for has happened; of *while* conditions also that it goes
-    on.
-    """
+    """Whether a condition has come true for a task; a *while* condition must still hold."""
     rule = CONDITIONS[condition]
     if condition is Condition.WHEN_SENT:
         return True
@@ -219,7 +213,7 @@ def _has_happened(condition: Condition, task: Task) -> bool:
 
 
 def _ended(central: State, header: headers.Tap) -> Task | None:
-    """A stand-in for a task that has ended; None if too little is known of it."""
+    """A stand-in for a task that has ended; None if central knows too little about it."""
     outcome, record = central.memory.outcome_of(header.task), central.memory.kept.get(header.task)
     message = record.message if record is not None else central.registry.messages.get(header.of)
     if outcome is None or message is None or not message.message_class.is_task:
@@ -233,15 +227,16 @@ def _ended(central: State, header: headers.Tap) -> Task | None:
 def _call_for_ended(
     central: State, by: Module, header: headers.Tap, listener: MessageType, task: Task
 ) -> int:
-    """Send the listener of a wiretap on a task that has ended, with the data that it was kept with;
-    the tap's id.
+    """Send the listener of a wiretap on a task that has ended, with its retained data.
+
+    Return the tap's id.
     """
     if listener.format.data != NO_DATA and task.id not in central.memory.kept:
         advice = (
             "send the task with keep=True, or tap it with a listener that is declared without data"
         )
         raise RequestError(
-            Refusal.TOO_LATE, f"{task} has ended, and its data are forgotten: {advice}"
+            Refusal.TOO_LATE, f"{task} has ended, and its data was not kept: {advice}"
         )
     tap = Wiretap(central.new_id(), header.condition, listener, task)
     tap.watch = header.watch
@@ -257,14 +252,16 @@ def _call_for_ended(
 def _check_monitor(
     central: State, header: headers.Tap, tapped: MessageType, listener: MessageType
 ) -> None:
-    """Raises RequestError if a monitor that listens so would never end."""
+    """Raise RequestError if a monitor that listens so would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     rule = CONDITIONS[header.condition]
     ends_with_it = tapped.message_class.is_task and rule.finds_it_alive and not rule.is_child
     if not (ends_with_it or ends_by_itself(listener, options) or options.waited_for):
         text = f"{listener.title} that listens '{header.condition}' would never end"
-        hint = "say how often, how long or until when it watches, or waited_for=True if somebody ends it"
+        hint = (
+            "limit its actions, duration or end point, or give waited_for=True if a module ends it"
+        )
         raise RequestError(Refusal.PROTOCOL, f"{text}: {hint}")
 
 
@@ -276,9 +273,7 @@ def _add(
     tapped: MessageType,
     place: Task | MessageType,
 ) -> Wiretap:
-    """Add a tap, or find the same one added before: it fires once. Other watch options make another
-    listener.
-    """
+    """Add a tap, or return an equal one: it fires once. Other watch options make another tap."""
     condition = header.condition
     others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -295,9 +290,8 @@ def _add(
     others.append(tap)
     central.taps[tap.id] = tap
     if tap.at & DELIVERED:
-        for (
-            handler
-        ) in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
+        # A prefetched message would start before central could send the listener.
+        for handler in tapped.handlers:
             central.dispatcher.messages_ahead.recall(handler.resource)
     task = place.id if isinstance(place, Task) else ROOT
     central.facts.append(
@@ -308,8 +302,9 @@ def _add(
 
 
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
-    """Remove a module's share in a tap; the tap goes with the last living program that added it, or
-    *for_all*.
+    """Remove a module's share in a tap.
+
+    The tap is removed with the last living program that added it, or at once with `for_all`.
     """
     tap.holders.pop(by.name, None)
     others = () if for_all else tap.holders.values()
@@ -323,7 +318,7 @@ def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -
 
 
 def forget_task(central: State, task: Task) -> None:
-    """A task has ended, and its taps are gone."""
+    """Forget the taps of a task that has ended."""
     for tap in task.taps:
         del central.taps[tap.id]
 
@@ -331,32 +326,30 @@ def forget_task(central: State, task: Task) -> None:
 # --- waiting messages -----------------------------------------------------------------------------
 
 
-def _ask_waiting(central: State, tap: Wiretap) -> None:
-    """A wiretap was added: tasks that wait for a handler have to pass it, too."""
+def _apply_to_waiting(central: State, tap: Wiretap) -> None:
+    """Apply a new wiretap to tasks that wait for a handler."""
     for task in _waiting(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue
         if tap.is_heard:
-            _hold_back(central, task)
+            _requeue(central, task)
         else:
             fire_before(central, task, [tap])
 
 
 def listeners_come(central: State, names: Iterable[str]) -> None:
-    """Fire again for waiting tasks the taps whose listeners had no handler, and get one now."""
-    coming = [central.registry.messages[name] for name in names]
-    new = {message for message in coming if not message.handlers}
+    """Apply taps whose listeners get their first handler now to tasks that wait."""
+    added = [central.registry.messages[name] for name in names]
+    new = {message for message in added if not message.handlers}
     for tap in central.taps.values() if new else ():
         if tap.listener in new:
             for task in _waiting(central, tap):
                 if task.tapping is not None and task.tapping.fired.get(tap.id) is False:
-                    _hold_back(central, task)
+                    _requeue(central, task)
 
 
 def _waiting(central: State, tap: Wiretap) -> list[Task]:
-    """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold
-    such.
-    """
+    """The tapped tasks that wait for a slot or a handler, oldest first, if the tap can hold any."""
     if not tap.before & STARTS:
         return []
     place = place_of(tap)
@@ -365,10 +358,8 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
     return [one for one in central.dispatcher.queued(place) if isinstance(one, Task)]
 
 
-def _hold_back(central: State, task: Task) -> None:
-    """Let a task that waits to be given to a handler be looked at anew; it keeps its place among
-    the others.
-    """
+def _requeue(central: State, task: Task) -> None:
+    """Reconsider a task that waits for a handler; it keeps its place in the queue."""
     central.dispatcher.withdraw(task, keep_place=True)
     central.agenda.request_again(task)
 
@@ -377,9 +368,7 @@ def _hold_back(central: State, task: Task) -> None:
 
 
 def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
-    """Something has happened to a message: fire the taps for it, with *body* or the message's own
-    data.
-    """
+    """Fire the taps for an event of a message, with `body` or the message's own data."""
     if not central.taps:
         return
     for tap in taps_of(tapped):
@@ -389,21 +378,19 @@ def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None =
 
 
 def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
-    """Fire taps before a task goes on, and hold it until their listeners are done."""
-    assert not task.killed, f"{task}: nothing happens between its wish to go on and this"
+    """Fire taps before a task continues, and hold the task until their listeners are done."""
+    assert not task.killed, f"{task}: killed between its request to continue and this"
     for tap in taps:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        Tapping.of(task).fired[tap.id] = listener is not None or bool(
-            tap.listener.handlers
-        )  # else once more
+        # False: it fires again when the listener has a handler.
+        Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
-        if (
-            tap.before == START_HANDLING and task.reached & START_HANDLING
-        ):  # it is handled once more
+        # a retry
+        if tap.before == START_HANDLING and task.reached & START_HANDLING:
             central.agenda.holds.hold(listener, interval, task, START_HANDLING)
             continue
         moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
@@ -413,30 +400,29 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
 
 
 def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delivery | None:
-    """Send the listener of a tap, if anybody handles it."""
+    """Send the listener of a tap, if it has a handler. Return the listener."""
     message, body = tap.listener, data_for(tap.listener, body)
-    if not tap.is_heard or _is_kept_out(central, tap, tapped, body):
+    if not tap.is_heard or _is_refused(central, tap, tapped, body):
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
-    made: Delivery
+    listener: Delivery
     if message.message_class.is_task:
-        made = _make_task(central, tap, tapped, body)
+        listener = _make_task(central, tap, tapped, body)
     else:
         context = Listening(tap, tapped)
-        made = make_statement(central, message, body, Role.LISTENER, about=tapped, context=context)
+        listener = make_statement(
+            central, message, body, Role.LISTENER, about=tapped, context=context
+        )
     tap.has_fired = isinstance(tap.place, Task)
-    central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
-    return made
+    central.facts.append(facts.TapFired(tap.id, tapped.message_id, listener.id))
+    return listener
 
 
-def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
-    """Whether there is no room for a listener, or there are too many in its chain. Says so in the
-    journal.
-    """
+def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
+    """Whether a listener has no room, or too long a chain of taps before it. Journals that."""
     message = tap.listener
-    if (
-        max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth
-    ):  # most are refused when they are sent
+    # Rare: the request that starts such a chain is usually refused.
+    if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:
         message.dropped += 1
         central.facts.append(
             facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))
@@ -448,7 +434,7 @@ def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) ->
 
 
 def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:
-    """A listener that is a task."""
+    """Make a listener that is a task."""
     message, rule = tap.listener, CONDITIONS[tap.condition]
     task = tapped if isinstance(tapped, Task) else None
     is_alive = tapped.id in central.tree.tasks
@@ -461,7 +447,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     options = tap.watch or WatchOptions()
     is_bounded = ends_by_itself(message, options) or options.waited_for
     if task is not None and rule.lasts_until:
-        _end_those_before(central, tap, task)
+        _end_earlier_monitors(central, tap, task)
     if task is not None and watches_it and ((rule.lasts_until and not is_bounded) or not is_alive):
         options = replace(options, until=Point(task.id, Moment(rule.lasts_until or END_ACHIEVING)))
 
@@ -488,12 +474,12 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     return listener
 
 
-def _end_those_before(central: State, tap: Wiretap, tapped: Task) -> None:
-    """A task is handled anew: end the monitors that a wiretap has had watch it till now."""
+def _end_earlier_monitors(central: State, tap: Wiretap, tapped: Task) -> None:
+    """A task is handled again: end the monitors that a wiretap has sent for it before."""
     tapping = Tapping.of(tapped)
     tapping.listeners = living = [
         other for other in tapping.listeners if other.reached != ALL_MOMENTS
     ]
     for other in living:
         if heard_by(other).tap is tap and other.watch is not None:
-            end_monitor(central, other.watch, f"{tapped} is handled anew")
+            end_monitor(central, other.watch, f"{tapped} is handled again")

@@ -1,4 +1,4 @@
-"""Watches: how monitors begin, and how they stop. The rules are in monitors.py."""
+"""Watches: how monitors start, and how they stop. monitors.py has their rules."""
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import checked_seconds
@@ -15,7 +15,7 @@ from tca_wire.vocabulary import Refusal, Role
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
 
-_CANCEL = 2  # which part of a demon monitor
+_CANCEL = 2  # the index of a demon monitor's cancel message
 
 
 def on_end_point(central: State, watch: Watch, _: Task) -> None:
@@ -25,7 +25,7 @@ def on_end_point(central: State, watch: Watch, _: Task) -> None:
 
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
-    """Raises RequestError if a monitor can't watch so."""
+    """Raise RequestError if a monitor can't watch with these options."""
     polls = message.message_class.has_condition and message.is_aside
     what = message.title
     checked_seconds(options.duration, f"{what} with a duration")
@@ -37,64 +37,66 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
         )
         raise RequestError(Refusal.PROTOCOL, text)
     if options.fire_every < 1 or options.maximum < 0:
-        text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
+        often = f"that fires every {options.fire_every} times, at most {options.maximum}"
+        text = f"{what} {often}: 1 and 0 are the lowest"
         raise RequestError(Refusal.PROTOCOL, text)
     if options.until is not None:
         central.agenda.holds.place(options.until)  # raises if there is no such point
 
 
 def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
-    """Whether a monitor has an end of its own: a point monitor tests once."""
+    """Whether a monitor has an end of its own. A point monitor tests only once."""
     is_bounded = options.maximum or options.duration or options.until is not None
     return bool(is_bounded) or not message.is_aside
 
 
 def become_monitor(central: State, task: Task, options: WatchOptions, *, is_guest: bool) -> None:
-    """Make a new task the monitor that it is; ``check_options`` has passed."""
+    """Make a new task a monitor. ``check_options`` must have passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
     task.watch = Watch(task, options, parts, is_guest=is_guest)
     task.is_watcher = task.message.is_aside and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:
-    """A new task has its place in the tree: a monitor is known among those that watch, or are still
-    to, if it lives.
-    """
+    """List a new monitor that is in the tree now, if it lives."""
     if task.watch is not None and not task.killed:
         central.watches[task.id] = task.watch
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor under *parent* comes from elsewhere than the handling of *parent*: a retry
-    then spares it, since nobody would put it there again. *origin* is the delivery whose handler
-    sends it (0: none).
+    """Whether a monitor under `parent` was sent from elsewhere than the handling of `parent`.
 
-    Follows what led to that handler back to *parent*. Exception handlers come from elsewhere, and
-    so does what the monitors of others send, and listeners that a retry does not send again. Each
-    step leads to something older, so the search ends at what is older than *parent*.
+    A retry of `parent` spares such a monitor, since the handling would not send it again. `origin`
+    is the delivery whose handler sends the monitor (0: none).
+
+    The search follows the causes of that handler back to `parent`. Elsewhere are exception
+    handlers, what foreign monitors send, and listeners that a retry does not send again. Each step
+    leads to an older delivery, so the search ends at one that is older than `parent`.
     """
-    one = central.dispatcher.running.get(origin)
+    cause = central.dispatcher.running.get(origin)
     is_own = origin == parent.given_as
-    while one is not None and one.id >= parent.id and not is_own:
-        if one.role is Role.LISTENER:
-            heard = heard_by(one)
+    while cause is not None and cause.id >= parent.id and not is_own:
+        if cause.role is Role.LISTENER:
+            heard = heard_by(cause)
             tapped, tap = central.tree.tasks.get(heard.tapped.task), central.taps.get(heard.tap.id)
             if tapped is parent:
                 return tap is None or not recurs_on_retry(tap.condition)
-            one = tapped
-        elif one.role.is_of_monitor:
-            one = monitor_of(one).task
-        elif isinstance(one, Task):
-            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
-        else:  # was sent before it was given to anybody: so this comes to an end whatever modules say
-            is_own = one.origin == parent.given_as
-            one = central.dispatcher.running.get(one.origin) if one.origin < one.id else None
-        is_own = is_own or one is parent
+            cause = tapped
+        elif cause.role.is_of_monitor:
+            cause = monitor_of(cause).task
+        elif isinstance(cause, Task):
+            cause = None if cause.role is Role.EXCEPTION or cause.is_guest else cause.parent
+        else:  # only older causes count, so that the search ends whatever origins modules claim
+            is_own = cause.origin == parent.given_as
+            cause = (
+                central.dispatcher.running.get(cause.origin) if cause.origin < cause.id else None
+            )
+        is_own = is_own or cause is parent
     return not is_own
 
 
 def stop_watching(central: State, watch: Watch, why: str) -> None:
-    """Watch no longer; what the monitor has sent comes to its own end."""
+    """Stop watching. Messages that the monitor has sent continue."""
     if watch.is_over:
         return
     watch.is_over = True
@@ -129,7 +131,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
 
 
 def end_monitor(central: State, watch: Watch, why: str) -> None:
-    """Complete a monitor; one that has not begun never will watch, and the journal says why."""
+    """Complete a monitor. If it has not started, it never will, and the journal has the reason."""
     if not watch.is_over:
         if watch.began is None:
             central.facts.append(facts.MonitorEnded(watch.task.id, why))

@@ -26,7 +26,7 @@ from tca_central.errors import ImageError
 from tca_central.events import ConnectionId, Effect
 from tca_central.image import container
 from tca_central.image.decoder import decode
-from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.encoder import can_encode, encode
 from tca_central.image.shapes import shape_named, shape_of
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import Verdict
@@ -55,7 +55,7 @@ class TwinPlayer(Player):
         effects = super().event(event)
         assert msgspec.msgpack.encode(self.twin.handle(event)) == msgspec.msgpack.encode(effects)
         self.events += 1
-        if self.events % self.every == 0 and may_be_taken(self.central):
+        if self.events % self.every == 0 and can_encode(self.central):
             image = encode(self.central)
             assert image == encode(self.central)
             self.twin = decode(image)
@@ -279,7 +279,7 @@ def test_only_classes_of_the_state_are_found_by_name() -> None:
 def test_no_image_is_taken_while_a_look_for_deadlocks_goes_on() -> None:
     central = Player.of("user").central
     central.scan = object()
-    assert not may_be_taken(central)
+    assert not can_encode(central)
     with pytest.raises(ImageError, match="deadlock"):
         encode(central)
 

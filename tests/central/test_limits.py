@@ -230,14 +230,14 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(
 def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(keeping, "MOST_KEPT", 3)
+    monkeypatch.setattr(keeping, "MOST_RETAINED", 3)
     player = Player.of("legs: command move", "user")
     for _ in range(3):
         player.task("user", "move", keep=True)
     newest = player.central.tree.newest
     refused = player.send("user", "move", keep=True)[-1]
     assert (refused.refusal, player.central.tree.newest) == (Refusal.OVERLOAD, newest)
-    assert "release those that nobody asks for any more" in refused.text
+    assert "release some first" in refused.text
     for _ in range(2):
         player.reply("legs/1", value="x" * 100)
     assert list(player.central.memory.kept) == [1, 2]
@@ -272,7 +272,7 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
     for _ in range(500):
         player.request("user", headers.Deadline, end, 1e6)
         player.request("user", headers.Kill, TaskId(task), "", Scope.TASK, None, 1e6)
-    text = f"1000 kills, deadlines and delays lie ahead of task {task} 'move' already"
+    text = f"1,000 kills, deadlines and delays are pending for task {task} 'move' already"
     for header in (
         headers.Deadline(0, end, 1.0),
         headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0),
@@ -322,7 +322,7 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
     *others, last = answers
     assert not any(isinstance(answer, headers.Refused) for answer in others)
     assert last.refusal is Refusal.OVERLOAD
-    assert last.text == "3 wait to lock or reserve resource 'legs'"
+    assert last.text == "3 claims wait to lock or reserve resource 'legs'"
 
 
 @pytest.mark.parametrize("moment", [0, 3, 64])
@@ -365,8 +365,8 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
         request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
     "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
         request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
-    "farewells": (steering, "MOST_FAREWELLS", lambda request, task: headers.Send(
-        request, "move", parent=TaskId(task), when_killed=True), "1 messages wait for the termination of"),
+    "farewells": (steering, "MOST_TERMINATION_MESSAGES", lambda request, task: headers.Send(
+        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for its termination"),
 }  # fmt: skip
 
 

@@ -30,7 +30,7 @@ def live(
     """Start there, take some packets, be killed."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
-        daemon.take(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
+        daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
     daemon.kill()
     return daemon
 
@@ -128,7 +128,7 @@ def test_journal_ahead_of_the_inputs_is_accepted_after_a_boot(
 ) -> None:
     live(tmp_path, sync=Sync.BATCH)
     shorten(tmp_path / "00000001.tcai", 100)
-    with pytest.raises(CentralError, match="to which the inputs do not lead"):
+    with pytest.raises(CentralError, match="to which no input leads"):
         live(tmp_path)
     boots.write_text("2")
     daemon = live(tmp_path, sync=Sync.BATCH)
@@ -177,7 +177,7 @@ def test_inputs_of_another_version_are_refused_with_advice(
     new = head(inputs, central="0.4", **change)
     inputs.write_bytes(inputs.read_bytes().replace(head(inputs), new))
     with pytest.raises(
-        CentralError, match=r"finish the run with tca 0\.4; --fresh begins a new run"
+        CentralError, match=r"finish the run with tca 0\.4; --fresh starts a new run"
     ):
         live(tmp_path, accept=True)
 
@@ -193,7 +193,7 @@ def test_tasks_without_their_inputs_are_lost_with_a_warning(
     folder = RunFolder(tmp_path)
     folder.close()
     assert folder.run is None
-    assert "a new run begins, and the tasks of the last one" in caplog.text
+    assert "a new run starts, and the tasks of the last run" in caplog.text
 
 
 def test_half_an_image_takes_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

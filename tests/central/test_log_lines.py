@@ -95,10 +95,10 @@ def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(
 def test_a_flood_is_a_line_a_second(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
     for number in range(3000):
-        log.note("dropped 'pose'", f"{number} wait", 1, number / 1000)
-    log.note("dropped 'map'", "2 wait", 1, 3.0)
-    log.tell(3.1)
-    log.tell()
+        log.count("dropped 'pose'", f"{number} wait", 1, number / 1000)
+    log.count("dropped 'map'", "2 wait", 1, 3.0)
+    log.write_due(3.1)
+    log.write_due()
     assert caplog.messages == [
         "dropped 'pose': 0 wait",
         "dropped 'pose' 1,000 times: 1000 wait",
@@ -110,10 +110,10 @@ def test_a_flood_is_a_line_a_second(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_nothing_is_told_twice_and_quiet_is_forgotten(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
-    log.note("dropped 'pose'", "10 wait", 1, 0.0)
+    log.count("dropped 'pose'", "10 wait", 1, 0.0)
     for time in (1.0, 2.0, 3.0):
-        log.tell(time)
-    log.note("dropped 'pose'", "10 wait", 1, 3.1)
+        log.write_due(time)
+    log.count("dropped 'pose'", "10 wait", 1, 3.1)
     assert caplog.messages == ["dropped 'pose': 10 wait"] * 2
 
 

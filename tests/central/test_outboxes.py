@@ -34,7 +34,7 @@ def test_items_share_packets_and_keep_their_order() -> None:
     line = Line()
     items = [bytes([number % 256]) * 1000 for number in range(200)]
     for item in items:
-        line.boxes.put(READS, [item])
+        line.boxes.add(READS, [item])
     assert line.boxes.send_all() == []
     assert b"".join(line.sent[READS]) == b"".join(items)
     assert max(map(len, line.sent[READS])) <= PACKET_BYTES
@@ -45,18 +45,18 @@ def test_who_does_not_say_that_he_has_read_gets_no_more_than_so_much() -> None:
     line, receipts = Line(), Receipts()
     for _ in range(80):
         for one in (READS, STANDS):
-            line.boxes.put(one, [bytes(PACKET_BYTES)])
+            line.boxes.add(one, [bytes(PACKET_BYTES)])
         line.boxes.send_all()
         if receipt := receipts.due(line.sent[READS][-1]):
             ((header, _),) = codec.unpack_to_central(receipt)
             assert isinstance(header, Receipt)
-            line.boxes.got(READS, header.size)
+            line.boxes.credit(READS, header.size)
             receipts.sent()
     assert line.size(READS) == 80 * PACKET_BYTES
     assert line.size(STANDS) == WINDOW
     assert line.boxes.held == 80 * PACKET_BYTES - WINDOW
-    assert not line.boxes.are_waiting  # for the line: nobody tries in vain
-    line.boxes.got(STANDS, WINDOW)
+    assert not line.boxes.has_waiting  # for the line: nobody tries in vain
+    line.boxes.credit(STANDS, WINDOW)
     line.boxes.send_all()
     assert line.size(STANDS) == 2 * WINDOW
 
@@ -64,14 +64,14 @@ def test_who_does_not_say_that_he_has_read_gets_no_more_than_so_much() -> None:
 def test_what_is_too_much_goes_with_whom_most_waits_for() -> None:
     line = Line()
     for _ in range(30):
-        line.boxes.put(STANDS, [bytes(PACKET_BYTES)])
+        line.boxes.add(STANDS, [bytes(PACKET_BYTES)])
     line.boxes.send_all()
-    line.boxes.put(READS, [bytes(10)])
-    assert line.boxes.give_up_beyond(1 << 20) == {}
-    given_up = line.boxes.give_up_beyond(100_000)
+    line.boxes.add(READS, [bytes(10)])
+    assert line.boxes.drop_beyond(1 << 20) == {}
+    given_up = line.boxes.drop_beyond(100_000)
     assert given_up == {STANDS: 30 * PACKET_BYTES - WINDOW}
     assert line.boxes.held == 10
-    line.boxes.put(STANDS, [bytes(10)])  # what it has not read is not forgotten with it
+    line.boxes.add(STANDS, [bytes(10)])  # what it has not read is not forgotten with it
     line.boxes.send_all()
     assert line.size(STANDS) == WINDOW
 
@@ -79,14 +79,14 @@ def test_what_is_too_much_goes_with_whom_most_waits_for() -> None:
 def test_a_line_that_takes_nothing_is_tried_again_and_one_that_is_gone_is_told() -> None:
     line = Line()
     line.takes = False
-    line.boxes.put(READS, [b"one"])
+    line.boxes.add(READS, [b"one"])
     line.boxes.send_all()
-    assert line.boxes.are_waiting
+    assert line.boxes.has_waiting
     line.takes = True
     line.boxes.send_all()
     assert line.sent[READS] == [b"one"]
     nobody = ConnectionId(b"nobody")
-    line.boxes.put(nobody, [b"two"])
+    line.boxes.add(nobody, [b"two"])
     assert line.boxes.send_all() == [nobody]
     assert nobody not in line.boxes.connections()
     assert line.boxes.held == 0

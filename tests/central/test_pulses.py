@@ -22,10 +22,10 @@ def connection_of(pulse: bytes) -> Connection:
 
 def beat(pulses: Pulses, *connections: Connection) -> set[bytes]:
     """A beat that every pulse takes; those that are silent for too long."""
-    beating = pulses.beat(connections)
+    beating = pulses.start_round(connections)
     silent = pulses.silent()
     for pulse in beating - silent:
-        pulses.sent(pulse)
+        pulses.mark_sent(pulse)
     return silent
 
 
@@ -33,17 +33,17 @@ def test_a_process_that_sends_no_beat_back_is_silent() -> None:
     pulses, legs, eyes = Pulses(2), connection_of(b"legs"), connection_of(b"eyes")
     for _ in range(3):
         assert beat(pulses, legs, eyes) == set()
-        pulses.heard |= {b"legs", b"eyes"}
+        pulses.active |= {b"legs", b"eyes"}
     assert beat(pulses, legs, eyes) == set()
-    pulses.heard.add(b"eyes")
+    pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == set()
-    pulses.heard.add(b"eyes")
+    pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == {b"legs"}
-    pulses.heard.add(b"eyes")
+    pulses.active.add(b"eyes")
     assert beat(pulses, eyes) == set()  # the legs have been lost; now they come back
-    pulses.heard.add(b"eyes")
+    pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == set()
-    pulses.heard |= {b"legs", b"eyes"}
+    pulses.active |= {b"legs", b"eyes"}
     assert beat(pulses, legs, eyes) == set()
 
 
@@ -51,8 +51,8 @@ def test_what_is_read_at_the_last_moment_counts() -> None:
     pulses, legs = Pulses(1), connection_of(b"legs")
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
-    pulses.heard.add(b"legs")
-    pulses.listen([legs])
+    pulses.active.add(b"legs")
+    pulses.count_signs([legs])
     assert pulses.silent() == set()
 
 
@@ -60,7 +60,7 @@ def test_any_word_of_a_process_is_a_sign_of_life() -> None:
     pulses, legs, leg = Pulses(1), connection_of(b"legs"), connection_of(b"legs")
     for _ in range(5):
         assert beat(pulses, legs, leg) == set()
-        pulses.heard.add(leg.id)
+        pulses.active.add(leg.id)
     assert beat(pulses, legs, leg) == set()
     assert beat(pulses, legs, leg) == {b"legs"}
 
@@ -73,10 +73,10 @@ def test_who_names_no_pulse_is_not_watched() -> None:
 def test_a_line_that_is_not_there_blames_nobody() -> None:
     pulses, legs = Pulses(1), connection_of(b"legs")
     beat(pulses, legs)
-    pulses.heard.add(b"legs")
+    pulses.active.add(b"legs")
     for _ in range(3 * LATE):
-        assert pulses.beat([legs]) == {b"legs"}
-        pulses.gone(b"legs")  # says the socket
+        assert pulses.start_round([legs]) == {b"legs"}
+        pulses.mark_closed(b"legs")  # says the socket
         assert pulses.silent() == set()
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
@@ -87,8 +87,8 @@ def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
     for beats in range(3 * LATE):
         if pulses.silent():
             return beats
-        for pulse in pulses.beat(connections):
-            pulses.gone(pulse)
+        for pulse in pulses.start_round(connections):
+            pulses.mark_closed(pulse)
     return 0
 
 
@@ -100,8 +100,8 @@ def test_a_line_that_never_comes_is_one_of_a_process_that_was_stopped_before() -
 def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     for _ in range(LATE):
-        pulses.beat([legs])
-        pulses.gone(b"legs")
+        pulses.start_round([legs])
+        pulses.mark_closed(b"legs")
     for _ in range(2):
         assert beat(pulses, legs) == set()
     assert beat(pulses, legs) == {b"legs"}
@@ -110,9 +110,9 @@ def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
 def test_a_word_of_a_process_whose_line_has_yet_to_come_gives_it_all_the_time_again() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     for _ in range(3):
-        pulses.beat([legs])
-        pulses.gone(b"legs")
-    pulses.heard.add(legs.id)
+        pulses.start_round([legs])
+        pulses.mark_closed(b"legs")
+    pulses.active.add(legs.id)
     assert beats_without_a_line(pulses, legs) == 1 + LATE + 2
 
 

@@ -87,6 +87,6 @@ def test_only_central_sends_notices(player: Player, number: int) -> None:
 
 def test_waits_for_handlers_are_bounded(player: Player) -> None:
     (answer,) = player.request("user", headers.WaitUntilHandled, ["a"] * 1001)
-    assert answer.text == "1001 messages in one wait: 1000 are allowed, send several requests"
+    assert answer.text == "1,001 messages in one wait: 1,000 are allowed, send several requests"
     (answer,) = player.request("user", headers.WaitUntilHandled, [])
     assert isinstance(answer, headers.Answer)

@@ -106,7 +106,7 @@ def a_before_tap_holds_nothing(patch: Patch) -> None:
 
 
 def what_waits_when_a_tap_comes_does_not_pass_it(patch: Patch) -> None:
-    patch.setattr(taps, "_ask_waiting", lambda *_: None)
+    patch.setattr(taps, "_apply_to_waiting", lambda *_: None)
 
 
 def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> None:
@@ -159,7 +159,7 @@ def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:
 
 
 def who_only_observes_has_dealt_with_it(patch: Patch) -> None:
-    patch.setattr(failures, "_leave_open", failures._recover)
+    patch.setattr(failures, "_continue_unresolved", failures._recover)
 
 
 def calls_of_a_handler_are_not_counted(patch: Patch) -> None:

@@ -175,7 +175,7 @@ def test_a_second_central_takes_neither_address_nor_folder(
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
         said = refused("--bind", daemon.address, "--no-journal")
-        assert f"can't listen on {daemon.address}: another central uses it; stop that one" in said
+        assert f"can't listen on {daemon.address}: another central uses it; stop it" in said
         said = refused("--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal))
         assert "another central writes its journal there: name another folder" in said
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
@@ -195,15 +195,15 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "whoever connects needs a key"),
-        (["--bind", "nonsense"], "'nonsense' is no address"),
-        (["--bind", "tcp://127.0.0.1:99999"], "is no address"),
+        (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "every program needs a key"),
+        (["--bind", "nonsense"], "'nonsense' is not an address"),
+        (["--bind", "tcp://127.0.0.1:99999"], "is not an address"),
         (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),
         (["--journal", "/proc/nothing"], "name another folder with --journal"),
         (["--sync", "sometimes"], "sometimes"),
         (
             ["--lost-after", "1"],
-            "1 is too short to tell a stopped process from a busy computer: 2 or more",
+            "1 is too short to tell a stopped process from a busy computer: give 2 or more",
         ),
     ],
 )

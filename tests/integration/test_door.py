@@ -42,10 +42,10 @@ def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None
             stack.enter_context(socket.socket(socket.AF_UNIX)).connect(
                 daemon.address.removeprefix("ipc://")
             )
-        said = said_by(daemon, "takes no more connections")
+        said = said_by(daemon, "accepts no more connections")
         assert "of 1024 file descriptors are in use" in said
         stack.close()
-        said_by(daemon, "takes connections again")
+        said_by(daemon, "accepts connections again")
         connect("late", daemon.address).close()
 
 
@@ -55,7 +55,7 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
         address = daemon.first_line.rpartition(" ")[2]
         with connect("early", address) as early, zmq.Context() as context:
             idle = idle_connections(context, address)
-            said_by(daemon, "takes no more connections")
+            said_by(daemon, "accepts no more connections")
             assert is_turned_away(address)
             with pytest.raises(
                 CentralLost, match="it takes no more connections: end some programs, or start it"
@@ -64,7 +64,7 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
             assert early.status()["connections"] == 1
             for one in idle:
                 one.close(linger=0)
-            said_by(daemon, "takes connections again")
+            said_by(daemon, "accepts connections again")
             assert not is_turned_away(address)
             connect("later", address).close()
 
@@ -78,7 +78,7 @@ def test_central_has_as_many_descriptors_as_it_may(tmp_path: Path) -> None:
 def test_a_central_that_stops_while_its_door_is_shut_ends_well(tmp_path: Path) -> None:
     with central(tmp_path, command=limited(100, 100)) as daemon, zmq.Context() as context:
         idle = idle_connections(context, daemon.address)
-        said_by(daemon, "takes no more connections")
+        said_by(daemon, "accepts no more connections")
         daemon.stop()
         assert daemon.process.returncode == 0
         for one in idle:

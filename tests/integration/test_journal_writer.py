@@ -16,7 +16,7 @@ from tca_central.shell import log_writer, run_log
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder
-from tca_central.shell.recovery import unfinished
+from tca_central.shell.recovery import unfinished_segments
 from tca_central.shell.run_log import RunLog
 from tca_module import Client, Inform, TcaError, connect
 from tca_tools.errors import UnusableLog
@@ -117,7 +117,7 @@ def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read
         flood(user)
     assert daemon.process.wait(timeout=10) == 1
     said = daemon.stop()
-    assert "File too large: central stops, for what it can't record it must not do" in said
+    assert "File too large: central stops, since it must not act without recording it" in said
     assert "Traceback" not in said
     assert len(list(open_log(daemon.journal))) > 5
 
@@ -174,10 +174,10 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     def fails(_: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    log.take(Tick(1.0))
+    log.add_input(Tick(1.0))
     log.flush(core)
     monkeypatch.setattr(os, "fdatasync", fails)
-    log.take(Tick(2.0))
+    log.add_input(Tick(2.0))
     for _ in range(2):  # a second try would say that all is well
         with pytest.raises(CentralError, match="Input/output error: central stops"):
             log.flush(core)
@@ -186,7 +186,7 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     assert not any(
         isinstance(fact, Closed) for entry in open_log(tmp_path / "run") for fact in entry.facts
     )
-    assert unfinished(tmp_path / "run")
+    assert unfinished_segments(tmp_path / "run")
 
 
 def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
         user.status()
         for path in daemon.journal.glob("*.tcaj"):
             path.unlink()
-        while "goes on without a journal" not in daemon.process.stderr.readline():
+        while "continues without a journal" not in daemon.process.stderr.readline():
             pass
         user.status()
     assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago

@@ -100,8 +100,8 @@ def test_a_module_works_over_keys_with_its_slots_and_pulse(
         pulses = {one.pulse for one in known}
 
         def is_met() -> bool:
-            keyed.server.look_again()
-            return pulses <= keyed.server._pulses._met
+            keyed.server.check_soon()
+            return pulses <= keyed.server._pulses._reached
 
         until(is_met, "the pulse is there")
 
@@ -170,7 +170,7 @@ def test_an_authenticator_that_lets_strangers_in_is_found_out(
     monkeypatch.setattr(
         Authenticator, "_answer", lambda _, request: [b"1.0", request[1], b"200", b"OK", b"x", b""]
     )
-    with pytest.raises(Exception, match="an unknown key was let in when that was tried"):
+    with pytest.raises(Exception, match="an unknown key was let in when tried"):
         RealCentral(TCP, gate=KeyGate(folder))
 
 
@@ -192,7 +192,7 @@ def test_a_revoked_key_is_cut_off_at_once(
     as_key("arm")
     arm = connect("arm", keyed.address, patience=0.5)
     said("revoke", "arm")
-    keyed.server.look_again()
+    keyed.server.check_soon()
     until(lambda: keyed.facts(facts.ModuleLeft), "the arm has left")
     (left,) = keyed.facts(facts.ModuleLeft)
     assert (left.module, left.lost) == ("arm", True)
@@ -244,7 +244,7 @@ def test_a_revoked_client_is_told_in_each_wait(
             "all wait",
         )
         said("revoke", "user")
-        keyed.server.look_again()
+        keyed.server.check_soon()
         assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
 
 
@@ -260,7 +260,7 @@ def test_a_revoked_module_is_back_when_its_key_is_allowed(
     module.handles(SQUARE)(lambda _, number: number * number)
     with module.running():
         said("revoke", "arm")
-        keyed.server.look_again()
+        keyed.server.check_soon()
         until(lambda: "central refuses this module" in caplog.text, "it is shut out")
         said("allow", "arm", public)
         as_key("user")
@@ -274,12 +274,12 @@ def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folde
         hello = headers.Hello(1, headers.PROTOCOL_VERSION, name, f"run of {name}")
         known.handle(RequestReceived(0.0, ConnectionId(name.encode()), hello, principal=name))
     gate = KeyGate(folder)
-    changed, lost = gate.news(1.0, known)
+    changed, lost = gate.changes(1.0, known)
     assert changed == KeysChanged(1.0, [], ["ghost"])
     assert isinstance(lost, ConnectionLost)
     assert lost.connection == b"ghost"
     known.handle(lost)
-    assert list(gate.news(2.0, known)) == []
+    assert list(gate.changes(2.0, known)) == []
 
 
 def test_a_central_without_allowed_keys_does_not_start(
@@ -343,7 +343,7 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
             stranger.send(codec.pack_item(greet))
             assert not stranger.poll(300)
         said("revoke", "user")
-        keyed.server.look_again()
+        keyed.server.check_soon()
 
         def hears_no_more() -> bool:
             with suppress(CentralLost, Timeout, Refused):
@@ -374,7 +374,7 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert "'arm' has a key" in said("new", "arm", code=1)
     said("use", str(folder / "arm.key"))
-    assert "is there already: move it away first" in said("use", str(folder / "user.key"), code=1)
+    assert "exists already: move it away first" in said("use", str(folder / "user.key"), code=1)
     assert {path: path.read_bytes() for path in before} == before
     listed = said("list")
     assert read_client_key(folder / "arm.key").public in listed
@@ -483,7 +483,7 @@ def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None
             joined = [(fact.module, fact.principal) for fact in running.facts(facts.ModuleJoined)]
             assert joined == [("knocker", "uid:65534")]
             rules.write_text(owner)
-            running.server.look_again()
+            running.server.check_soon()
             until(lambda: len(running.facts(facts.PermissionsChanged)) >= 2, "the rules are read")
             assert file.stat().st_mode & 0o077 == 0
             file.chmod(0o777)

@@ -183,7 +183,7 @@ def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon)
 
 def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Daemon) -> None:
     with line_to(turns, "user") as user:
-        turns._hear_last_words()
+        turns._drain()
         assert user.poll(0)
 
 

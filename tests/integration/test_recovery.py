@@ -23,7 +23,7 @@ from tca_central.errors import CentralError
 from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_central.shell import images
 from tca_central.shell.log_writer import Sync
-from tca_central.shell.recovery import recover, unfinished
+from tca_central.shell.recovery import recover, unfinished_segments
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import Daemon
 from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
@@ -118,7 +118,7 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
         steps.append(user.command(STEP, number))
         if number % 40 == 20:
             robot.kill()
-            assert "goes on with the run" in robot.restart()
+            assert "continues the unfinished run" in robot.restart()
     assert [step.result(timeout=20) for step in steps] == [2 * number for number in range(120)]
     assert robot.begun() == Counter(range(120))
     user.close()
@@ -167,13 +167,13 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
     until(
         lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended"
     )
-    run = recover(robot.central.journal, unfinished(robot.central.journal))
+    run = recover(robot.central.journal, unfinished_segments(robot.central.journal))
     run.central.handle(run.restarted(hold=False))
     names = {
         connection.id: connection.module.name
         for connection in run.central.registry.connections.values()
     }
-    assert {names[lost.connection] for lost in run.gone()} == {"legs"}
+    assert {names[lost.connection] for lost in run.lost_connections()} == {"legs"}
 
 
 def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> None:
@@ -239,7 +239,7 @@ def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
         copy = tmp_path / "copy"
         shutil.copytree(broken_run, copy)
         (copy / "00000001.tcai").write_bytes(inputs[:cut])
-        run = recover(copy, unfinished(copy), accept=True)
+        run = recover(copy, unfinished_segments(copy), accept=True)
         check_invariants(run.central)
         assert run.inputs <= before, "less is left of it each time"
         assert run.central.events >= run.last.number
@@ -254,11 +254,11 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     before = journal.read_bytes()
     with pytest.raises(
         CentralError,
-        match=r"the journal differs .* to which the inputs do not lead.*--resume facts",
+        match=r"the journal does not match the inputs.* to which no input leads.*--resume facts",
     ):
-        recover(broken_run, unfinished(broken_run))
+        recover(broken_run, unfinished_segments(broken_run))
     assert journal.read_bytes() == before
-    recover(broken_run, unfinished(broken_run), accept=True)
+    recover(broken_run, unfinished_segments(broken_run), accept=True)
     aside = journal.with_suffix(".tcaj-aside").read_bytes()
     assert journal.read_bytes() + aside == before
 
@@ -332,12 +332,12 @@ def test_the_journal_has_what_an_image_includes(
     run.open(server, Sync.NONE)
     assert server.log
     assert server.log.images
-    server.log.images.tend(run.central)
+    server.log.images.update(run.central)
     server.log.images.close()  # it is there; and nothing more is written
     run.close()
     server.log = None
     server.close()
-    again = recover(broken_run, unfinished(broken_run))
+    again = recover(broken_run, unfinished_segments(broken_run))
     assert again.inputs == 0
     written = [fact for entry in open_log(broken_run) for fact in entry.facts]
     assert sum(isinstance(fact, facts.CentralRestarted) for fact in written) == 1
@@ -368,7 +368,7 @@ def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Pa
     whole = journal.read_bytes()
     journal.write_bytes(whole[: len(whole) // 2])
     with central(broken_run.parent) as again, connect("user", again.address, patience=20):
-        assert "goes on" in again.first_line
+        assert "continues" in again.first_line
     checked = tca("check", str(broken_run))
     assert checked.returncode == 0, checked.stdout
 
@@ -377,7 +377,7 @@ def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Pa
 def test_a_wall_clock_that_has_jumped_changes_nothing(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch, jump: float
 ) -> None:
-    run = recover(broken_run, unfinished(broken_run))
+    run = recover(broken_run, unfinished_segments(broken_run))
     now = time.time() + jump
     monkeypatch.setattr(time, "time", lambda: now)
     restarted = run.restarted(hold=False)
@@ -394,7 +394,7 @@ def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
     user.status()
     robot.kill()
     said = robot.restart("--no-inputs")
-    assert "begins anew" in said
+    assert "starts a new run" in said
     Path(f"{robot.notebook}.go").touch()
     robot.central.stop()
     assert "goes on" not in robot.restart()
@@ -463,4 +463,4 @@ def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(
     assert folder.run is None
     folder.close()
     inputs.write_bytes(whole[:20])  # central ended while it began it
-    assert unfinished(broken_run) == []
+    assert unfinished_segments(broken_run) == []

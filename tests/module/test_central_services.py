@@ -531,7 +531,7 @@ def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
     with legs.running():
         claim = user.lock("legs")
     assert not claim.held
-    with pytest.raises(LockLost, match="module 'legs' has gone"), claim:
+    with pytest.raises(LockLost, match="module 'legs' left"), claim:
         pass
 
 

@@ -244,7 +244,7 @@ def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
         assert sorted(one.id for one in heard if one) == sorted(
             [one.id for one in moves] + [moves[0].id] * 2
         )
-        with pytest.raises(Refused, match="its data are forgotten: send the task with keep=True"):
+        with pytest.raises(Refused, match="its data was not kept: send the task with keep=True"):
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
@@ -485,7 +485,7 @@ WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charg
 def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    blind = "'watch' sees nothing until somebody handles its condition 'battery'"
+    blind = "'watch' sees nothing until a module handles its condition 'battery'"
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
 
         def gauge() -> Module:

@@ -31,7 +31,7 @@ from tca_central.events import (
     TellAll,
     Tick,
 )
-from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.encoder import can_encode, encode
 from tca_central.inputs import events_of
 from tca_central.shell.images import write_image
 from tca_central.shell.input_log import IMAGE_SUFFIX, InputLog
@@ -143,7 +143,7 @@ class Daemon:
             for connection in [
                 one for one in core.hold.awaited if self.is_gone(one.module.incarnation)
             ]:
-                self.take(
+                self.handle_input(
                     ConnectionLost(
                         self.now, connection.id, "its process had ended when central came back"
                     )
@@ -186,11 +186,11 @@ class Daemon:
 
     def _take_image(self) -> None:
         """Write the state down, as a child of the daemon does."""
-        if self.core is not None and may_be_taken(self.core):
+        if self.core is not None and can_encode(self.core):
             inputs, journal = self._logs
-            before = inputs.hand_over()
+            before = inputs.write_now()
             number = inputs.next_segment(self.core.clock.now)
-            for path in (before, journal.hand_over()):
+            for path in (before, journal.write_now()):
                 sync_path(path)
             with suppress(OSError):  # on a full disk the child ends without an image
                 write_image(encode(self.core), self.disk.folder / f"{number:08d}{IMAGE_SUFFIX}")
@@ -219,7 +219,7 @@ class Daemon:
         is_compared = (
             is_all_there
             and self.core is not None
-            and may_be_taken(self.core)
+            and can_encode(self.core)
             and clockwork.chance(0.1)
         )
         self._expected = self.core if is_compared else None
@@ -282,7 +282,7 @@ class Daemon:
             if self._clockwork.chance(self._options.full_disks):
                 self.disk.room = self._clockwork.dice.randint(0, 2000)
             for given in self._inputs():
-                self.take(given)
+                self.handle_input(given)
             self._flush()
             if self._clockwork.chance(self._options.snapshots):
                 self._take_image()
@@ -339,14 +339,14 @@ class Daemon:
 
     # --- what follows -----------------------------------------------------------------------------
 
-    def take(self, event: Input) -> None:
+    def handle_input(self, event: Input) -> None:
         """Write an input, and let it happen."""
         core, log, clockwork = self.core, self.log, self._clockwork
         assert core is not None
         assert log is not None
         self._fault()
         self._is_half = True
-        log.take(event)
+        log.add_input(event)
         if clockwork.chance(0.3):
             self._logs[0].flush()
         for one in events_of(event):
@@ -354,7 +354,7 @@ class Daemon:
                 clockwork.say("central", f"has {_shown(one)}")
             for effect in core.handle(one):
                 if isinstance(effect, Record):
-                    log.add(effect.entry)
+                    log.add_entry(effect.entry)
                     self._entries.append(effect.entry)
                 else:
                     self._put(effect.connection, effect.header, effect.body)

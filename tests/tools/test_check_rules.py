@@ -258,7 +258,7 @@ def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_
 
 
 def what_waits_is_left_alone(patch: Patch) -> None:
-    patch.setattr(taps, "_ask_waiting", lambda *_: None)
+    patch.setattr(taps, "_apply_to_waiting", lambda *_: None)
 
 
 def what_was_passed_over_is_forgotten(patch: Patch) -> None:

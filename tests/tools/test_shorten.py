@@ -124,10 +124,10 @@ def short_life(folder: Path) -> Daemon:
     assert daemon.log.images is not None
     clock = daemon.central.clock
     for line, packet in beginning():
-        daemon.take(Arrived(clock.now + 1.0, ConnectionId(line), packet))
+        daemon.handle_input(Arrived(clock.now + 1.0, ConnectionId(line), packet))
     for line in LINES:
-        daemon.take(ConnectionLost(clock.now + 1.0, ConnectionId(line), "it ended"))
-    daemon.log.images.take(daemon.central)
+        daemon.handle_input(ConnectionLost(clock.now + 1.0, ConnectionId(line), "it ended"))
+    daemon.log.images.start(daemon.central)
     daemon.log.images.close()
     daemon.kill()
     return daemon
