@@ -505,7 +505,7 @@ def test_the_block_of_a_stopped_module_goes_on_as_a_client(
             assert handled_by(user) == ["older"]
             with pytest.raises(
                 MisuseError,
-                match=r"module 'legs' ends: it can begin again when its .* has been left",
+                match=r"module 'legs' is ending: leave its .* before you start it again",
             ):
                 legs.run()
             with pytest.raises(MisuseError, match="comes too late"):
