@@ -32,9 +32,10 @@ from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo, R
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.replies import Notification, PendingReplies, PendingReply
 from tca_module.sending.sender import Sender, TaskOptions
+from tca_module.sending.steerable_task import TaskInfo
 from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
-from tca_module.sending.task_ref import Change, SentTask, TaskInfo, TaskRef
+from tca_module.sending.task_ref import Change, SentTask, TaskRef
 from tca_module.sending.task_requests import TaskRequest
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback

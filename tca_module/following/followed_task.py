@@ -65,13 +65,13 @@ class NamedTask:
     _origin: int
 
     @property
-    def _in_words(self) -> str:
+    def _description(self) -> str:
         """The task for people, with its id if that is known: nobody waits for it."""
         return str(self)
 
-    def _doing(self, doing: str) -> LateText:
+    def _action(self, doing: str) -> LateText:
         """That something is done to the task, for errors."""
-        return LateText(lambda: f"{doing} {self._in_words}")
+        return LateText(lambda: f"{doing} {self._description}")
 
     def _connection(self) -> Connection:
         """The connection of the calling thread."""
@@ -107,7 +107,7 @@ class FollowedTask(NamedTask, Generic[C]):
 
     def _followed(self) -> Mirror:
         if self._mirror is None:
-            what = self._doing("the state of")
+            what = self._action("the state of")
             header = Observe(0, self._node(), self.message, origin=self._origin)
             self._mirror = Mirror(self._connection(), header, what)
         return self._mirror
@@ -143,7 +143,7 @@ class FollowedTask(NamedTask, Generic[C]):
         return self._stream(timeout, mirror.as_it_stands())
 
     def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
-        what = f"a change of {self._in_words}"
+        what = f"a change of {self._description}"
         return Stream(self._followed(), self._as_change, _is_change, what, timeout, first=first)
 
     def next_change(self, timeout: float | None = None) -> C | None:
@@ -168,7 +168,7 @@ class FollowedTask(NamedTask, Generic[C]):
             raise MisuseError(
                 f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}'
             )
-        check_states(f"wait_for_state(): {self._in_words}", self._declared(), states)
+        check_states(f"wait_for_state(): {self._description}", self._declared(), states)
         mirror = self._followed()
         came = mirror.unread(lambda news: news.change.state in states or news.change.is_over)
         mirror.catch_up()
@@ -176,7 +176,7 @@ class FollowedTask(NamedTask, Generic[C]):
             came.put(mirror.newest)
         if not mirror.wait(lambda: bool(came), timeout):
             mirror.check()
-            what = f"{self._in_words} was not {' or '.join(states)}"
+            what = f"{self._description} was not {' or '.join(states)}"
             raise Timeout(
                 f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True
             )
@@ -200,7 +200,7 @@ class FollowedTask(NamedTask, Generic[C]):
             raise MisuseError(
                 f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}"
             )
-        what = f"an intermediate result of {self._in_words}"
+        what = f"an intermediate result of {self._description}"
         mirror.catch_up()
         return Stream(
             mirror,
@@ -244,7 +244,7 @@ class FollowedTask(NamedTask, Generic[C]):
         async handler.
         """
         self._know(message)
-        what, cycle = f"the update of {self._in_words}", self._life_cycle
+        what, cycle = f"the update of {self._description}", self._life_cycle
         rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
         if not rows:
             raise MisuseError(f"{what}: {cycle} has none; kill the task and send a new one")
@@ -260,7 +260,7 @@ class FollowedTask(NamedTask, Generic[C]):
         where it says nothing of cancels, the task is killed. It is not lost, even while central is
         away.
         """
-        what, cycle = self._doing("cancelling"), self._life_cycle
+        what, cycle = self._action("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
         if not (names := cancels_of(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
@@ -284,8 +284,8 @@ class FollowedTask(NamedTask, Generic[C]):
         Raises MisuseError for a transition that is no client's, Refused if the task's state has no
         such way out.
         """
-        check(self._doing("take() of"), NAME, transition=transition)
-        what = f"'{transition}' of {self._in_words}"
+        check(self._action("take() of"), NAME, transition=transition)
+        what = f"'{transition}' of {self._description}"
         check(what, TEXT, why=why)
         self._know(message)
         body = self._encoded(data) if data is not None else b""
@@ -324,7 +324,7 @@ class FollowedTask(NamedTask, Generic[C]):
         message = self._declared()
         if message is None:
             raise MisuseError(
-                f"a new goal of {self._in_words}: say of which message it is, with message="
+                f"a new goal of {self._description}: say of which message it is, with message="
             )
         return message.encode_data(goal)
 
@@ -334,7 +334,7 @@ class FollowedTask(NamedTask, Generic[C]):
             return
         check_message(message)
         if message.name != self.message:
-            raise MisuseError(f"{self._in_words} is no '{message.name}'")
+            raise MisuseError(f"{self._description} is no '{message.name}'")
         self._connection().declare(message)
 
     def _declared(self) -> Message[Any, Any] | None:

@@ -73,7 +73,7 @@ def first_ended(
     connection = tasks[0]._connection()
     if any(task._connection() is not connection for task in tasks):
         raise MisuseError(f"{_CALL}: all tasks must be those of one client, module or handler")
-    requests = {task: task._ask(task.achieving.end, blocking=False) for task in tasks}
+    requests = {task: task._request_point(task.achieving.end, blocking=False) for task in tasks}
     try:
         what = LateText(lambda: f"the wait for {' or '.join(map(str, tasks))}")
         _wait(connection, list(requests.values()), timeout, until, what, brief=brief)
