@@ -296,8 +296,9 @@ class Change:
     def data(self) -> Any:
         """The data of the change; None without any.
 
-        They are a new goal that a client asks for, an intermediate result (the newest one, if
-        *is_late*), the task's result, or the data of its failure.
+        For a request of a client, they are the new goal. For an intermediate result, they are that
+        result; if *is_late*, the newest one. At the end, they are the task's result, or the data of
+        its failure.
         """
         data, message = self._news.change.data, self._message
         if is_progress(self._news):

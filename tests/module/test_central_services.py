@@ -101,7 +101,7 @@ def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> 
     with walkers.running(), pytest.raises(Timeout) as late:
         user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
     assert str(late.value) == (
-        "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that does, see 'tca messages'"
+        "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that handles them, see 'tca messages'"
     )
 
 

@@ -151,7 +151,7 @@ def test_a_server_makes_another_goal_of_the_one_asked_for(
         for request in task.requests():
             if request.transition == "cancel":
                 with pytest.raises(
-                    MisuseError, match="is for no goal: accept\\(\\) it without one"
+                    MisuseError, match="has no goal: accept\\(\\) it without one"
                 ):
                     request.accept(grip)
                 raise task.aborted()
@@ -339,13 +339,13 @@ def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
 
 NOT_POSSIBLE = [
     "walk {1} is 'running': 'accepted' is possible while it is 'initiated'; a task is accepted when its handler gets \
-it, unless that is declared with accepts=True",
+it, unless the handler is declared with accepts=True",
     "the handler of walk {1} can't take 'update': life cycle 'general' has for servers: 'accepted', 'already done', \
 'rejected', 'accept', 'reject', 'aborted', 'cancel failed', 'result available', 'completed', 'failed'",
     "'completed' ends walk {1}: its handler returns, or raises a failure, instead",
     "walk {1} is 'running': 'accept' is possible while it is 'update requested'",
     "goal 'walk' is declared without progress=, and report() was given 1.5",
-    "walk {1} is 'running', and nobody has asked for its end: return, or fail",
+    "walk {1} is 'running', and no client has asked for its end: return, or fail",
     "grasp {2} is 'initiated': 'result available' is possible while it is 'running' or 'update requested' or \
 'cancel requested'; accept() it first",
     "the intermediate results of command 'grasp' are float: Expected `float`, got `str`",
