@@ -1,16 +1,14 @@
 """The part of a Sender that asks: queries, and multi-queries to all handlers of a message."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_function, is_brief
+from tca_module.checks import check, check_class, is_brief
 from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.replies import (
     QUERY_TIMEOUT,
-    Notification,
     PendingReplies,
     PendingReply,
     reply_timeout,
@@ -19,9 +17,6 @@ from tca_module.session.request import Request
 from tca_wire.constraints import Flags
 from tca_wire.messages.declarations import D, Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Send
-
-if TYPE_CHECKING:
-    from tca_module.sending.sender import Sender
 
 
 class QueryOptions(TypedDict, total=False):
@@ -134,51 +129,6 @@ class QuestionServices(CentralServices):
             height = pending.receive(timeout=5)
         """
         return self._query_send(message, data, priority)
-
-    def query_notify(
-        self,
-        message: Query[D, R],
-        data: D,
-        callback: "Callable[[Sender, R], object]",
-        on_failure: "Callable[[Sender, Exception], object] | None" = None,
-        *,
-        priority: int = 0,
-    ) -> Notification[R]:
-        """Send a query, and have a function called with its reply.
-
-        The calls are made in this thread, one at a time, while it waits for central or for its next
-        message. An error in a function is logged, and so is a failure without *on_failure*.
-
-        Args:
-            message: the Query.
-            data: its data; None for a query without data.
-            callback: a plain function that takes (sender, reply); the Sender sends under the root.
-            on_failure: a plain function that takes (sender, error), with the error that ``query``
-                would raise. Default: None.
-            priority: the higher one is first at a busy resource. Default: 0.
-
-        Returns:
-            A Notification, with ``wait()`` and ``cancel()``.
-
-        Raises:
-            MisuseError: a function takes other arguments, or is ``async def``.
-            BadData: *data* does not fit the message.
-            FormatRefused: other programs declare the message differently.
-            CentralLost: central does not answer.
-
-        Example::
-
-            def too_hot(sender: Sender, degrees: float) -> None:
-                if degrees > 80:
-                    sender.command(COOL_DOWN)
-
-            task.query_notify(TEMPERATURE, None, too_hot)
-        """
-        check_function("query_notify()", callback, "(sender, reply)")
-        if on_failure is not None:
-            check_function("query_notify()", on_failure, "(sender, error)")
-        pending = self._query_send(message, data, priority)
-        return Notification(pending, callback, on_failure)
 
     def _query_send(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)

@@ -1,6 +1,6 @@
 """Sender: the calls that send messages, the same for a handler's Task, a Module and a Client."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Annotated, Any, TypedDict, Unpack, overload
 
@@ -10,11 +10,13 @@ from tca_module.checks import (
     LateText,
     check,
     check_class,
+    check_function,
     check_options,
 )
 from tca_module.errors import Refused
 from tca_module.sending.attachments import Recovery
 from tca_module.sending.questions import QuestionServices
+from tca_module.sending.replies import Notification
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.sending.watching import TASK, WatchingServices
 from tca_wire.constraints import Constraint, Flags, not_before
@@ -293,6 +295,53 @@ class Sender(WatchingServices, QuestionServices):
             self._connection().call(
                 header, LateText(lambda: f"constraint {', '.join(map(str, constraints))}")
             )
+
+    # --- questions --------------------------------------------------------------------------------
+
+    def query_notify(
+        self,
+        message: Query[D, R],
+        data: D,
+        callback: "Callable[[Sender, R], object]",
+        on_failure: "Callable[[Sender, Exception], object] | None" = None,
+        *,
+        priority: int = 0,
+    ) -> Notification[R]:
+        """Send a query, and have a function called with its reply.
+
+        The calls are made in this thread, one at a time, while it waits for central or for its next
+        message. An error in a function is logged, and so is a failure without *on_failure*.
+
+        Args:
+            message: the Query.
+            data: its data; None for a query without data.
+            callback: a plain function that takes (sender, reply); the Sender sends under the root.
+            on_failure: a plain function that takes (sender, error), with the error that ``query``
+                would raise. Default: None.
+            priority: the higher one is first at a busy resource. Default: 0.
+
+        Returns:
+            A Notification, with ``wait()`` and ``cancel()``.
+
+        Raises:
+            MisuseError: a function takes other arguments, or is ``async def``.
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            CentralLost: central does not answer.
+
+        Example::
+
+            def too_hot(sender: Sender, degrees: float) -> None:
+                if degrees > 80:
+                    sender.command(COOL_DOWN)
+
+            task.query_notify(TEMPERATURE, None, too_hot)
+        """
+        check_function("query_notify()", callback, "(sender, reply)")
+        if on_failure is not None:
+            check_function("query_notify()", on_failure, "(sender, error)")
+        pending = self._query_send(message, data, priority)
+        return Notification(pending, callback, on_failure)
 
     # --- statements -------------------------------------------------------------------------------
 

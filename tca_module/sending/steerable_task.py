@@ -1,7 +1,7 @@
 """A task of the tree that can be steered: killed, suspended, retried, inspected."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import msgspec
 
@@ -16,9 +16,6 @@ from tca_wire.packets import headers
 from tca_wire.points import Point, TaskId
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Scope
-
-if TYPE_CHECKING:
-    from tca_module.sending.task_ref import TaskRef
 
 
 class TaskInfo(NamedTuple):
@@ -294,15 +291,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         """Undo ``keep`` for this module. It does nothing to a task that was not kept."""
         self._steer(headers.Keep(0, self._node(), release=True, origin=self._origin), "releasing")
 
-    def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the ended tasks under it that are retained, in the order of their ends.
-
-        Args:
-            message: only tasks of this message or name. Default: None, all.
-        """
-        return self._relatives("kept", message)
-
-    # --- relatives --------------------------------------------------------------------------------
+    # --- inspecting -------------------------------------------------------------------------------
 
     def info(self) -> TaskInfo | None:
         """Return a snapshot of the task; None if it has ended and is not retained."""
@@ -324,44 +313,6 @@ class SteerableTask(TaskIntervals, NamedTask):
                 f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
             )
         return message.decode_data(info.data)
-
-    def parent(self) -> "TaskRef | None":
-        """Return the task above it; None for a top-level task, or if the task has ended."""
-        return next(iter(self._relatives("parent")), None)
-
-    def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return its living children, oldest first.
-
-        Args:
-            message: only tasks of this message or name. Default: None, all.
-        """
-        return self._relatives("children", message)
-
-    def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the tasks above it, nearest first.
-
-        Args:
-            message: only tasks of this message or name. Default: None, all.
-        """
-        return self._relatives("ancestors", message)
-
-    def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the living tasks under it, parents before children.
-
-        Args:
-            message: only tasks of this message or name. Default: None, all.
-        """
-        return self._relatives("descendants", message)
-
-    def _ref_to(self, info: TaskInfo) -> "TaskRef":
-        """Return a task for the user of this one."""
-        raise NotImplementedError
-
-    def _relatives(
-        self, relation: Any, message: Message[Any, Any] | str | None = None
-    ) -> "list[TaskRef]":
-        """Return the tasks in a *relation* to this one, of one *message* or name only."""
-        return [self._ref_to(info) for info in self._inspect(relation, message)]
 
     def _inspect(
         self, relation: Any, message: Message[Any, Any] | str | None = None

@@ -12,9 +12,8 @@ from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, c
 from tca_module.sending.handler_errors import Aborted, Rejection
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
-from tca_module.sending.steerable_task import SteerableTask, TaskInfo
 from tca_module.sending.task_points import TaskInterval
-from tca_module.sending.task_ref import FIND_IT, TaskRef
+from tca_module.sending.task_ref import FIND_IT, TaskNode, TaskRef
 from tca_module.sending.task_requests import ReportingTask, Requests, ServerState, TaskRequest
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
@@ -25,7 +24,7 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, SteerableTask, ReportingTask):
+class Task(Sender, TaskNode, ReportingTask):
     """The message being handled, and a Sender: goals and commands sent with it become its subtasks.
 
     ``kill``, ``suspend`` and the other steering calls concern the task itself. A Task belongs to
@@ -65,7 +64,7 @@ class Task(Sender, SteerableTask, ReportingTask):
         task_id = with_epoch(delivery.task, epoch, self._what)
         origin = max(0, delivery.delivery)  # central does not know direct deliveries
         Sender.__init__(self, task_id, with_epoch(origin, epoch, self._what))
-        SteerableTask.__init__(self, task_id)
+        TaskNode.__init__(self, task_id)
         self.began = connection.now()
         self.later: LaterReply[Any] | None = None
 
@@ -388,9 +387,6 @@ class Task(Sender, SteerableTask, ReportingTask):
                 f"'{self.message}' is no task of the tree: only goals and commands are"
             )
         return self._task_id
-
-    def _ref_to(self, info: TaskInfo) -> TaskRef:
-        return TaskRef(self._connection(), info.message, info.id, self._origin)
 
     def _interval(self, interval: Interval) -> TaskInterval:
         if self._task_id == ROOT:

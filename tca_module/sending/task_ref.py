@@ -20,10 +20,10 @@ from tca_module.following.followed_task import (
     decode_progress,
     life_cycle_of,
 )
-from tca_module.following.observation import News, is_progress
+from tca_module.following.observation import ObservedChange, is_progress
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import AttachmentRef, Recovery
-from tca_module.sending.steerable_task import SteerableTask, TaskInfo
+from tca_module.sending.steerable_task import SteerableTask
 from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
@@ -48,7 +48,56 @@ def node_of(task: "TaskRef") -> TaskId:
     return task._node()  # noqa: SLF001
 
 
-class TaskRef(SteerableTask, FollowedTask["Change"]):
+class TaskNode(SteerableTask):
+    """A task of the tree, with its relatives."""
+
+    def parent(self) -> "TaskRef | None":
+        """Return the task above it; None for a top-level task, or if the task has ended."""
+        return next(iter(self._relatives("parent")), None)
+
+    def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
+        """Return its living children, oldest first.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("children", message)
+
+    def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
+        """Return the tasks above it, nearest first.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("ancestors", message)
+
+    def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
+        """Return the living tasks under it, parents before children.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("descendants", message)
+
+    def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
+        """Return the ended tasks under it that are retained, in the order of their ends.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("kept", message)
+
+    def _relatives(
+        self, relation: Any, message: Message[Any, Any] | str | None = None
+    ) -> "list[TaskRef]":
+        """Return the tasks in a *relation* to this one, of one *message* or name only."""
+        return [
+            TaskRef(self._connection(), info.message, info.id, self._origin)
+            for info in self._inspect(relation, message)
+        ]
+
+
+class TaskRef(TaskNode, FollowedTask["Change"]):
     """A task of the tree: wait for it, follow it, steer it, inspect it.
 
     ``user.tasks()`` and ``user.task()`` find one. A TaskRef belongs to the thread that sent or
@@ -91,9 +140,6 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             self._task_id = TaskId(self._task_id.known)
         return self._task_id
 
-    def _ref_to(self, info: TaskInfo) -> "TaskRef":
-        return TaskRef(self._connection(), info.message, info.id, self._origin)
-
     @property
     def _description(self) -> str:
         """The task for people, with its id if that is known. Never waits for the id."""
@@ -104,8 +150,8 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         self._link.check_thread(self, "sent or found it", FIND_IT)
         return self._link
 
-    def _as_change(self, news: News) -> "Change":
-        return Change(news, self, self._link.declared(self.message))
+    def _as_change(self, observed: ObservedChange) -> "Change":
+        return Change(observed, self, self._link.declared(self.message))
 
     # --- its end ----------------------------------------------------------------------------------
 
@@ -162,7 +208,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         if self._end is None:
             self._end = self._await_point(self.achieving.end, timeout)
             if self._mirror is not None:
-                self._mirror.hear_end()
+                self._mirror.receive_end()
         return self._end
 
     def _await_point(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
@@ -267,8 +313,10 @@ class Change:
         missed: the number of changes before this one that this observer did not see.
     """
 
-    def __init__(self, news: News, task: TaskRef, message: Message[Any, Any] | None) -> None:
-        change = news.change
+    def __init__(
+        self, observed: ObservedChange, task: TaskRef, message: Message[Any, Any] | None
+    ) -> None:
+        change = observed.change
         self.task = task
         self.message = change.message
         self.serial = change.serial
@@ -280,8 +328,8 @@ class Change:
         self.is_late = change.is_late
         self.is_over = change.is_over
         self.outcome = change.outcome
-        self.missed = news.missed
-        self._news = news
+        self.missed = observed.missed
+        self._observed = observed
         self._message = message
 
     def __repr__(self) -> str:
@@ -290,7 +338,7 @@ class Change:
     @cached_property
     def goal(self) -> Any:
         """The task's data; plain values if its message is not declared here."""
-        return self._goal_of(self._news.change.goal)
+        return self._goal_of(self._observed.change.goal)
 
     @cached_property
     def data(self) -> Any:
@@ -300,8 +348,8 @@ class Change:
         result; if *is_late*, the newest one. At the end, they are the task's result, or the data of
         its failure.
         """
-        data, message = self._news.change.data, self._message
-        if is_progress(self._news):
+        data, message = self._observed.change.data, self._message
+        if is_progress(self._observed):
             return decode_progress(message, data)
         if not self.is_over:
             return self._goal_of(data)
@@ -317,10 +365,12 @@ class Change:
         )
 
 
-def change_of(connection: Connection, news: News, origin: int = 0) -> Change:
+def change_of(connection: Connection, observed: ObservedChange, origin: int = 0) -> Change:
     """Return a change of any task's state, as its observers see it."""
-    name = news.change.message
-    return Change(news, TaskRef(connection, name, news.task, origin), connection.declared(name))
+    name = observed.change.message
+    return Change(
+        observed, TaskRef(connection, name, observed.task, origin), connection.declared(name)
+    )
 
 
 class SentTask(TaskRef, Generic[R]):
@@ -382,7 +432,7 @@ class SentTask(TaskRef, Generic[R]):
                 yield from self._connection().until_over(request, what)
             self._end = request.answers[-1]
             if self._mirror is not None:
-                self._mirror.hear_end()
+                self._mirror.receive_end()
         return self._result(*self._end)
 
     def _result(self, answer: headers.Answer, body: bytes) -> R:

@@ -262,7 +262,7 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
         user.get_variable(MODE)
     assert (
         str(unset.value)
-        == "variable 'mode' was never set: set it first, watch it, or give a default"
+        == "variable 'mode' was never set: set it first, handle it to watch it, or give a default"
     )
     assert isinstance(unset.value, LookupError)
     assert user.get_variable(MODE, None) is None

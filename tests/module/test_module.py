@@ -209,7 +209,7 @@ def test_a_module_can_be_stopped_before_central_is_there(
 ) -> None:
     central.close()
     began = threading.Event()
-    central.take = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
+    central.submit = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
     with in_thread(legs.run) as ends:
         assert began.wait(SOON)
         legs.stop()

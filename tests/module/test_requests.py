@@ -150,9 +150,7 @@ def test_a_server_makes_another_goal_of_the_one_asked_for(
     def hold(task: Task, grip: Grip) -> str:
         for request in task.requests():
             if request.transition == "cancel":
-                with pytest.raises(
-                    MisuseError, match="has no goal: accept\\(\\) it without one"
-                ):
+                with pytest.raises(MisuseError, match="has no goal: accept\\(\\) it without one"):
                     request.accept(grip)
                 raise task.aborted()
             grip = Grip(f"{grip.item} and {request.goal.item}")
@@ -457,7 +455,7 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(
         later.reply("held")
         assert grasping.result() == "held"
         with pytest.raises(
-            MisuseError, match=r"grasp \{1\} has been answered already: accept, report"
+            MisuseError, match=r"grasp \{1\} has been answered already: accept\(\), report"
         ):
             later.report(0.8)
 

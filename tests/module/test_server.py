@@ -249,7 +249,7 @@ def test_servers_that_can_not_be(central: LocalCentral) -> None:
     wrong: list[tuple[Any, Any, str]] = [
         (GRASP, Grasping, r"is no Server: give Grasping\(\)"),
         (GRASP, lambda *_: None, "is no Server"),
-        (GRASP, Eager(), "Eager.cancel: .* is 'async def', and nobody awaits it"),
+        (GRASP, Eager(), "Eager.cancel: .* is 'async def', which is not awaited here"),
         (FREE, Grasping(), r"serve\(\) takes messages of class Goal or Command, not Query"),
     ]
     for message, server, words in wrong:
