@@ -1,4 +1,19 @@
-"""The library that a robot module imports: declare messages, handle them, send them."""
+"""The library that a robot's programs import: declare messages, handle them, send them.
+
+Example::
+
+    from tca_module import Command, Module, Task, connect
+
+    MOVE = Command("move", float, result=float)
+    arm = Module("arm")
+
+    @arm.handles(MOVE)
+    def move(task: Task, angle: float) -> float:
+        return angle
+
+    with arm.running(), connect("operator") as user:
+        print(user.command(MOVE, 0.5).result(timeout=5))
+"""
 
 from tca_module.client import Client, connect
 from tca_module.errors import (

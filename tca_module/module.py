@@ -278,12 +278,12 @@ class Module(ModuleCallbacks):
     def run(
         self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER
     ) -> None:
-        """Handle messages until Ctrl-C, SIGTERM or ``stop()``; a second signal ends the process at
-        once.
+        """Handle messages until Ctrl-C, SIGTERM or ``stop()``.
 
-        At the end, running handlers are notified and waited for: ``task.cancelled`` becomes true,
-        waits raise Stopped, coroutines get CancelledError. A notified handler fails with "module
-        lost". A handler that neither waits nor reads ``cancelled`` finishes normally.
+        A second signal ends the process at once. At the end, running handlers are notified and
+        waited for: ``task.cancelled`` becomes true, waits raise Stopped, coroutines get
+        CancelledError. A notified handler fails with "module lost". A handler that neither waits
+        nor reads ``cancelled`` finishes normally.
 
         Args:
             patience: the seconds to wait for central at the start; also the seconds of central's
@@ -294,7 +294,8 @@ class Module(ModuleCallbacks):
                 Default: 10.
 
         Raises:
-            CentralLost: no central answered within *patience* seconds.
+            CentralLost: no central answered within *patience* seconds; or, with *reconnect* False,
+                central went away later.
             NotSent: messages may not have arrived when the module ended.
             MisuseError: the module runs already, or an argument has the wrong type or range.
         """
@@ -473,7 +474,7 @@ class Module(ModuleCallbacks):
         self._stop.set()
         link.leave()
         errors = self._slots.close(why)
-        # A slot has waited already in vain: don't wait once more.
+        # A slot has already waited the full time: don't wait again.
         has_lingered = any(isinstance(error, NotSent) for error in errors)
         try:
             link.close(0.0 if has_lingered else self._linger, link.lost)

@@ -6,8 +6,7 @@ _EXACT = 1e-9  # seconds: the tolerance for rounding errors
 
 
 class Period:
-    """The times at which a periodic task or activity is due, in seconds. The caller passes the
-    time.
+    """The times at which a periodic activity is due, in seconds. The caller passes the time.
 
     Attributes:
         seconds: the length of the period.

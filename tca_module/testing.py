@@ -240,7 +240,7 @@ class LocalCentral:
             min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).give_turn()
         self._quiet.notify_all()
 
-    # --- what happened ----------------------------------------------------------------------------
+    # --- the journal ------------------------------------------------------------------------------
 
     @property
     def facts(self) -> list[Fact]:

@@ -85,8 +85,7 @@ class NamedTask:
 
 
 class FollowedTask(NamedTask, Generic[C]):
-    """A task whose state can be followed: ``state``, ``changes()``, ``progress()``, ``update()``,
-    ...
+    """A task whose state can be followed: ``state``, ``changes()``, ``update()`` and others.
 
     Following starts at the first use of these members, or with ``follow()``. Only the first use
     waits for central. After a broken connection, following continues.
@@ -452,9 +451,7 @@ class FollowedTask(NamedTask, Generic[C]):
         return message.encode_data(goal)
 
     def _check_message(self, message: Message[Any, Any] | None) -> None:
-        """Raise MisuseError unless the task is of that *message*, and declare it. None is not
-        checked.
-        """
+        """Raise MisuseError if the task is not of that *message*, if given; declare the message."""
         if message is None:
             return
         check_message(message)

@@ -100,7 +100,8 @@ class Observation:
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         self.connection = connection
-        self._functions: list[Callable[[ObservedChange], object]] = []  # called before readers read
+        # They are called with a change before the readers get it.
+        self._functions: list[Callable[[ObservedChange], object]] = []
         self._what = what  # for errors
         self._header = header
         self._readers: weakref.WeakSet[UnreadChanges] = weakref.WeakSet()

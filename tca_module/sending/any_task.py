@@ -102,13 +102,13 @@ def _wait(
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
-    told, started = ToldWait(connection, [] if timeout == 0 else requests, brief), connection.now()
+    wait, started = ToldWait(connection, [] if timeout == 0 else requests, brief), connection.now()
     since = now = started
     longest_step = math.inf if until is None else _PERIOD
     while not is_over() and not (until is not None and until()):
         left = math.inf if timeout is None else max(0.0, started + timeout - now)
         step = min(left, longest_step)
-        connection.wait(requests[0], None if step == math.inf else step, what, is_over, since, told)
+        connection.wait(requests[0], None if step == math.inf else step, what, is_over, since, wait)
         before, now = now, connection.now()
         if now - before > _PERIOD + STALL and until is not None:
             # This process stood still, so central's silence counts from now on.

@@ -282,10 +282,9 @@ class CentralServices:
         return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
 
     def go_on(self) -> bool:
-        """Allow tasks to start after a restart of central, before all modules are back. For
-        operators.
+        """Allow tasks to start after a restart of central, before all modules are back.
 
-        See ``tca central --resume hold``.
+        For operators. See ``tca central --resume hold``.
 
         Returns:
             True if central held tasks back.

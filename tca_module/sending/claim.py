@@ -34,9 +34,7 @@ class Claim:
         return self._what
 
     def wait(self, timeout: float | None) -> None:
-        """Wait until the claim is granted. Central knows the timeout, and answers when it has
-        expired.
-        """
+        """Wait until the claim is granted. Central knows the timeout, and answers in time."""
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
         # Central times the wait, too: its answer, granted or not, is on its way.

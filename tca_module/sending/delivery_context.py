@@ -43,13 +43,12 @@ class Trouble:
         return f"failure '{self.failure}' of {self.failing}"
 
     def resolved(self) -> bool:
-        """Declare the failure dealt with: the task is *done after a failure*, and its successors
-        continue.
+        """Declare the failure dealt with: the task is *done after a failure*.
 
-        It takes effect when the task of the exception handler has ended, with all that it has sent.
-        If the handler then fails, is killed, or reissues the failure, the failure continues up the
-        tree. The failure also continues if the handler neither calls ``resolved()`` nor retries or
-        kills the failed task or one above it.
+        Its successors then continue. It takes effect when the task of the exception handler has
+        ended, with all that it has sent. If the handler then fails, is killed, or reissues the
+        failure, the failure continues up the tree. The failure also continues if the handler
+        neither calls ``resolved()`` nor retries or kills the failed task or one above it.
 
         Returns:
             False if the failed task was killed or is being retried, which overrules this call.
@@ -68,8 +67,7 @@ class Trouble:
         return self.failing._steer(header, f"resolving failure '{self.failure}' of")  # noqa: SLF001
 
     def reissue(self) -> Exception:
-        """Return the error to raise so that the search for another exception handler continues at
-        once.
+        """Return the error to raise so that the search for an exception handler continues at once.
 
         It overrules ``resolved()`` (TCA: ByPassException).
 
@@ -149,10 +147,9 @@ class MonitorRef(TaskRef, Generic[D]):
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
-    """Raise MisuseError unless a monitor whose action is called *wanted* can be fired with
-    *action*.
+    """Raise MisuseError if a monitor can't be fired with *action*.
 
-    *wanted* is "" for a monitor that is fired without a message.
+    *wanted* is the name of the monitor's action; "" if it is fired without a message.
     """
     if action is None and not wanted:
         return

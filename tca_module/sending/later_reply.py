@@ -79,8 +79,9 @@ class LaterReply(ReportingTask, Generic[R]):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed while its reply is owed: stop when that is safe, then
-        reply.
+        """Whether the task has been killed while its reply is owed.
+
+        Stop when that is safe, then reply.
         """
         self._connection.check_process()
         # By the open delivery: a restarted central may use its number for another one.

@@ -123,10 +123,10 @@ class PendingReply(_Question, Generic[R]):
 
 
 class PendingReplies(_Question, Iterator[R], Generic[R]):
-    """The replies to a multi-query, to iterate over as they arrive. Each step waits for the next
-    one.
+    """The replies to a multi-query, to iterate over as they arrive.
 
-    The iteration ends as ``multi_query`` does. If all handlers failed, it raises QueryFailed.
+    Each step waits for the next reply. The iteration ends as ``multi_query`` does. If all handlers
+    failed, it raises QueryFailed.
 
     Example::
 

@@ -208,8 +208,7 @@ class Sender(WatchingServices, QuestionServices):
         return SentTask(connection, message, task_id, self._origin)
 
     def under(self, task: TaskRef) -> "Sender":
-        """Return a Sender for monitors, goals and commands under *task*, which another module may
-        handle.
+        """Return a Sender for monitors, goals and commands under *task*, anywhere in the tree.
 
         A goal or command joins the sequence of the task's children. With ``sequential=False`` it
         waits for none of them. A monitor without a bound of its own ends with the task. A kill of

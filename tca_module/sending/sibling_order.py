@@ -96,9 +96,7 @@ class SiblingOrder:
         return flags, constraints
 
     def _follows_last_sibling(self, block: _Block) -> bool:
-        """Whether a flag can replace the constraints. It is shorter, and central need not check for
-        cycles.
-        """
+        """Whether a flag can replace the constraints, which spares central the check for cycles."""
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
         return not self._is_shared and block.after == [self._newest]

@@ -130,11 +130,11 @@ class SteerableTask(TaskIntervals, NamedTask):
     @overload
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D) -> None: ...
     def on_termination(self, message: Goal[Any] | Command[Any, Any], data: Any = None) -> None:
-        """Send *message* if the task is killed after its start, to leave things safe (TDL: ON
-        TERMINATE).
+        """Send *message* if the task is killed after its start (TDL: ON TERMINATE).
 
-        It is sent at once after the kill. It may run beside handlers that have not yet returned,
-        unless both share a resource of capacity 1. The task's successors wait for it.
+        Use it to leave things safe. The message is sent at once after the kill. It may run beside
+        handlers that have not yet returned, unless both share a resource of capacity 1. The task's
+        successors wait for it.
 
         Args:
             message: a goal or command.
@@ -158,9 +158,10 @@ class SteerableTask(TaskIntervals, NamedTask):
         self._connection().call(header, self._action("on termination of"), body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
-        """Raise the failure "timeout" on the task if *point* is not reached in time.
+        """Raise the failure "timeout" if a point is not reached in time.
 
-        Every deadline counts: a later one does not extend an earlier one.
+        The failure is raised on the point's task. Every deadline counts: a later one does not
+        extend an earlier one.
 
         Args:
             seconds: the time from now, above 0.

@@ -78,8 +78,7 @@ class Task(Sender, TaskNode, ReportingTask):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed, is to be handled again, or the module ends. Never
-        waits.
+        """Whether the handler should return: a kill, a retry, or the module's end. Never waits.
 
         Clean up and return when it is true. A handler that does not read it is woken once from its
         next wait, with TaskKilled or Stopped. A handler that was notified of its module's end fails
@@ -337,9 +336,7 @@ class Task(Sender, TaskNode, ReportingTask):
         return self.later
 
     def _served(self) -> ServerState:
-        """Return the task's state, with the requests that have arrived. Raises MisuseError if it
-        has none.
-        """
+        """Return the task's state, with the requests that have arrived."""
         self._node()
         connection = self._connection()
         connection.catch_up()
@@ -370,9 +367,7 @@ class Task(Sender, TaskNode, ReportingTask):
         return connection
 
     def _own_connection(self) -> Connection:
-        """Return the handler's connection, even if central was restarted and has forgotten the
-        task.
-        """
+        """Return the handler's connection, even if central has forgotten the task."""
         if self._link is None:
             raise MisuseError(
                 f"{self} is used after its handler returned: "

@@ -287,9 +287,9 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
             leg = task.command(MOVE_LEG, 3)
             leg.on_failure(COLLISION, RAISE_LEG, maximum=2)
         """
-        wanted = Recovery(failure, handler, maximum=maximum).attachment
+        attachment = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
-        header = headers.Attach(0, wanted, self._node(), origin=self._origin)
+        header = headers.Attach(0, attachment, self._node(), origin=self._origin)
         number = self._connection().call(header, self._action(f"attaching '{handler.name}' to"))
         return AttachmentRef(self._connection(), number, header)
 

@@ -146,7 +146,7 @@ class ServerState:
         if self._awaited.wakes is not None:
             self._awaited.wakes()
 
-    # --- what clients ask for ---------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     @property
     def state(self) -> str:
@@ -252,7 +252,7 @@ class ServerState:
             self._apply(row, why)
             return True
 
-    # --- what the handler does --------------------------------------------------------------------
+    # --- transitions of the handler ---------------------------------------------------------------
 
     def accept_task(self) -> None:
         """Accept the task, unless the refusal of an early cancel has started it."""

@@ -106,11 +106,10 @@ class ModuleCallbacks(Sender):
     def after(
         self, delay: float, function: CallbackFunction, *, resource: str | None = None
     ) -> Callback:
-        """Call a function once, *delay* seconds from now, or from the module's start if it does not
-        run.
+        """Call a function once, *delay* seconds from now, or from the module's start.
 
-        Any thread may call this at any time. The function and the thread that calls it are as for
-        ``every``.
+        The delay counts from the start if the module does not run yet. Any thread may call this at
+        any time. The function and the thread that calls it are as for ``every``.
 
         Args:
             delay: seconds, 0 to 1e7.
@@ -162,4 +161,6 @@ class ModuleCallbacks(Sender):
 
     def _check_not_running(self, call: str) -> None:
         if self._link is not None:
-            raise MisuseError(f"{call} of module '{self.name}' comes too late: declare before run()")
+            raise MisuseError(
+                f"{call} of module '{self.name}' comes too late: declare it before run()"
+            )
