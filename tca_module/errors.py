@@ -177,11 +177,21 @@ NIL = b"\xc0"
 
 
 class QueryFailed(RequestFailed):
-    """The handler of a query failed. Its ``failure`` is the failure's name."""
+    """The handler of a query failed.
+
+    Attributes:
+        failure: the name of the failure.
+        text: the failure's explanation.
+    """
 
 
 class TaskFailed(RequestFailed):
-    """A goal or command failed. Its ``failure`` is the failure's name."""
+    """A goal or command failed.
+
+    Attributes:
+        failure: the name of the failure.
+        text: the failure's explanation.
+    """
 
 
 class Rejected(TcaError):

@@ -52,14 +52,11 @@ class CentralServices:
         is_shared: bool = False,
         connection: Callable[[], Connection] | None = None,
     ) -> None:
-        """*is_shared*: others send under the same *parent*, too, as under the root.
-
-        *connection* returns the connection of the calling thread, unless a subclass overrides
-        ``_connection``.
-        """
+        # Returns the connection of the calling thread, unless a subclass has its own way.
         self._given_connection = connection
         self._parent = parent
         self._origin = origin
+        # Whether others send under the same parent, too, as under the root.
         self._is_shared = is_shared or parent == ROOT
 
     @cached_property

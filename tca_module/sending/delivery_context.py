@@ -45,8 +45,8 @@ class Trouble:
     def resolved(self) -> bool:
         """Declare the failure dealt with: the task is *done after a failure*.
 
-        Its successors then continue. It takes effect when the task of the exception handler has
-        ended, with all that it has sent. If the handler then fails, is killed, or reissues the
+        Its successors then continue. The call takes effect when the task of the exception handler
+        has ended, with all that it has sent. If the handler then fails, is killed, or reissues the
         failure, the failure continues up the tree. The failure also continues if the handler
         neither calls ``resolved()`` nor retries or kills the failed task or one above it.
 

@@ -34,19 +34,7 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """The options of a monitor that watches (TCA 8.5: CreateMonitorOptions).
-
-    Args:
-        period: the seconds, above 0, between a polling monitor's tests. A polling monitor needs it.
-        maximum: the number of actions after which the monitor ends. Default: None, no bound.
-        fire_every: send an action only each n-th time that the condition holds, or the monitor is
-            fired. Default: 1.
-        initial_wait: a polling monitor tests first after one period, not at once. Default: False.
-        duration: the seconds, above 0, after which the monitor ends. Default: None, no bound.
-        until: the point at which the monitor ends. Default: None, no bound.
-        waited_for: the parent waits for the monitor's end. One of *maximum*, *duration* and
-            *until*, or a call of ``end()``, must bring that about. Default: False.
-    """
+    """The options of a monitor that watches, also as a listener; see ``MonitorOptions``."""
 
     period: Annotated[float, checks.DURATION_OR_NONE]
     maximum: Annotated[int | None, checks.MAXIMUM]
@@ -58,10 +46,18 @@ class Watched(TypedDict, total=False):
 
 
 class MonitorOptions(Watched, total=False):
-    """The options of a new monitor: those of ``Watched``, and its relation to its siblings.
+    """The options of a new monitor (TCA 8.5: CreateMonitorOptions).
 
     Args:
-        period, maximum, fire_every, initial_wait, duration, until, waited_for: see ``Watched``.
+        period: the seconds, above 0, between a polling monitor's tests. A polling monitor needs it.
+        maximum: the number of actions after which the monitor ends. Default: None, no bound.
+        fire_every: send an action only each n-th time that the condition holds, or the monitor is
+            fired. Default: 1.
+        initial_wait: a polling monitor tests first after one period, not at once. Default: False.
+        duration: the seconds, above 0, after which the monitor ends. Default: None, no bound.
+        until: the point at which the monitor ends. Default: None, no bound.
+        waited_for: the parent waits for the monitor's end, which *maximum*, *duration*, *until* or
+            a call of ``end()`` must bring about. Default: False.
         sequential: a point monitor tests after its previous sibling has been achieved. Default:
             True.
         constraints: more constraints, in which ``this`` stands for the new monitor. Default: none.
@@ -352,7 +348,8 @@ class WatchingServices(CentralServices):
             listener: the message to send: a goal, command, inform, broadcast or monitor.
             at_once: for one task: send the listener now if the condition has come true already.
                 Default: False.
-            options: for a monitor that listens: those of ``Watched``.
+            options: for a monitor that listens: period, maximum, fire_every, initial_wait,
+                duration, until and waited_for of ``MonitorOptions``.
 
         Returns:
             The AttachmentRef; its ``remove()`` removes the wiretap.
