@@ -35,7 +35,7 @@ from tca_wire.points import Point, TaskId, describe_moments
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome
 
-FIND_IT = "in other threads connect(), and use task(number) of that"
+FIND_IT = "other threads connect() themselves, and find it with task(number)"
 """The remedy for a task that is used in a wrong thread."""
 
 _NO_RESULT = (
