@@ -1,4 +1,19 @@
-"""The library that a robot module imports: declare messages, handle them, send them."""
+"""The library that a robot's programs import: declare messages, handle them, send them.
+
+Example::
+
+    from tca_module import Command, Module, Task, connect
+
+    MOVE = Command("move", float, result=float)
+    arm = Module("arm")
+
+    @arm.handles(MOVE)
+    def move(task: Task, angle: float) -> float:
+        return angle
+
+    with arm.running(), connect("operator") as user:
+        print(user.command(MOVE, 0.5).result(timeout=5))
+"""
 
 from tca_module.client import Client, connect
 from tca_module.errors import (
@@ -32,9 +47,10 @@ from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo, R
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.replies import Notification, PendingReplies, PendingReply
 from tca_module.sending.sender import Sender, TaskOptions
+from tca_module.sending.steerable_task import TaskInfo
 from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
-from tca_module.sending.task_ref import Change, SentTask, TaskInfo, TaskRef
+from tca_module.sending.task_ref import Change, SentTask, TaskRef
 from tca_module.sending.task_requests import TaskRequest
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback

@@ -1,5 +1,6 @@
-"""Checks of users' arguments, before anything leaves: a MisuseError names the call, the value, and
-the remedy.
+"""Checks of users' arguments, before a message is sent.
+
+A MisuseError names the call, the value and the remedy.
 """
 
 import contextlib
@@ -29,11 +30,11 @@ from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope, is_name
 
 BRIEF = 1.0
-"""Seconds: central takes a wait with a shorter timeout for no deadlock."""
+"""Seconds: central does not count a wait with a shorter timeout as a deadlock."""
 
 HIGHEST_PRIORITY = 1_000_000
 MOST_PENDING = 10_000  # central's own limit for one resource
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is some months
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is about four months
 
 EXECUTED: dict[type[Message[Any, Any]], str] = {
     Goal: "goal",
@@ -43,11 +44,11 @@ EXECUTED: dict[type[Message[Any, Any]], str] = {
     Inform: "inform",
     Broadcast: "broadcast",
 }
-"""The classes of messages that are sent, and the calls that do it."""
+"""The classes of messages that can be sent, and the names of the calls that send them."""
 
 
 class LateText:
-    """A text that is only made when somebody reads it: for an error, mostly."""
+    """A text that is made only when it is read, which mostly is for an error."""
 
     __slots__ = ("_make",)
 
@@ -65,19 +66,19 @@ class ArgumentKind(NamedTuple):
     fits: Callable[[Any], bool]
 
     def or_none(self, meaning: str = "") -> "ArgumentKind":
-        """The same, or None, with its meaning."""
+        """Return the same kind, or None; *meaning* says what None means."""
         return ArgumentKind(
             f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value)
         )
 
 
 def quoted(names: Iterable[str], between: str = ", ") -> str:
-    """Names in quotes, for errors."""
+    """Return names in quotes, for errors."""
     return between.join(f"'{name}'" for name in names) or "none"
 
 
 def check(call: object, kind: ArgumentKind, **values: Any) -> None:
-    """Raise MisuseError for the first of these named values that is of another kind."""
+    """Raise MisuseError for the first of the named values that is of another kind."""
     for name, value in values.items():
         if not kind.fits(value):
             advice = f": give {name}.item()" if hasattr(value, "dtype") else ""
@@ -85,16 +86,18 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
 
 
 def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
-    """Raise MisuseError for a name that is none of the known ones; *lacks* says what has it not, up
-    to the name.
+    """Raise MisuseError if *name* is not among the *known* names.
+
+    *lacks* is the start of the text, up to the name.
     """
-    if name not in (there := list(known)):
-        raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
+    if name not in (names := list(known)):
+        raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(names) or 'none'}")
 
 
 def check_options(what: str, options: Mapping[str, Any], declared: type) -> None:
-    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind.
-    *declared*: the TypedDict that annotates each with its kind.
+    """Raise MisuseError for an unknown option, or for a value of the wrong kind.
+
+    *declared* is the TypedDict that annotates each option with its kind.
     """
     kinds = _kinds_of(declared)
     if unknown := sorted(options.keys() - kinds.keys()):
@@ -114,7 +117,7 @@ def _kinds_of(options: type) -> dict[str, ArgumentKind]:
 def number(
     words: str, least: float, most: float = float("inf"), kind: Any = int | float
 ) -> ArgumentKind:
-    """A number between the two."""
+    """Return the kind of a number from *least* to *most*."""
     return ArgumentKind(
         words,
         lambda value: (
@@ -124,31 +127,31 @@ def number(
 
 
 def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
-    """A whole number between the two."""
+    """Return the kind of a whole number from *least* to *most*."""
     return number(words, least, most, int)
 
 
 def instance_of(words: str, kind: type | UnionType) -> ArgumentKind:
-    """A value of that class."""
+    """Return the kind of the values of a class."""
     return ArgumentKind(words, lambda value: isinstance(value, kind))
 
 
 def one_of(words: str, values: Iterable[object]) -> ArgumentKind:
-    """One of these values."""
+    """Return the kind of the given values."""
     return ArgumentKind(words, lambda value: value in tuple(values))
 
 
 def list_of(words: str, kind: ArgumentKind) -> ArgumentKind:
-    """A list or tuple of values of that kind."""
+    """Return the kind of a list or tuple of values of *kind*."""
     return ArgumentKind(
         words, lambda value: isinstance(value, list | tuple) and all(map(kind.fits, value))
     )
 
 
 def _is_text(text: Any) -> bool:
-    """Python's names of files may have half a character, which can't be sent."""
+    """Whether *text* can be sent. Python's file names may contain half characters, which can't."""
     return isinstance(text, str) and (
-        text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text)
+        text.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in text)
     )
 
 
@@ -216,20 +219,18 @@ CENTRAL = ArgumentKind(
 
 
 def is_brief(call: object, timeout: float | None) -> bool:
-    """Whether a wait is too short to be a deadlock. Raises MisuseError for a wrong *timeout*."""
-    if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # as most are
+    """Whether a wait is too short to count as a deadlock. Raises MisuseError."""
+    if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # the usual cases, fast
         return False
     check(call, TIMEOUT, timeout=timeout)
-    return bool(
-        timeout < BRIEF
-    )  # numpy's floats, which are Python's too, compare to bools of their own
+    return bool(timeout < BRIEF)  # a numpy float compares to a numpy bool
 
 
 # --- messages -------------------------------------------------------------------------------------
 
 
 def check_message(message: Any) -> None:
-    """Raise MisuseError for a value that is no message, such as its name."""
+    """Raise MisuseError for a value that is no message, such as a message's name."""
     if not isinstance(message, Message):
         raise MisuseError(
             f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)"
@@ -237,7 +238,7 @@ def check_message(message: Any) -> None:
 
 
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
-    """Raise MisuseError for a message of another class than those that *call* takes."""
+    """Raise MisuseError for a message of a class that *call* does not accept."""
     if not isinstance(message, wanted):
         advice = (
             f": use {EXECUTED[type(message)]}()" if type(message) in EXECUTED and not call else ""
@@ -249,8 +250,10 @@ def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") 
 
 
 def check_handles(failure: Any, handler: Any) -> None:
-    """Raise MisuseError for an exception handler that can't take the data of *failure*. One of any
-    failure (None) must take None: what central raises, such as "timeout", has no data.
+    """Raise MisuseError for an exception handler that can't accept the data of *failure*.
+
+    A handler of any failure (None) must accept None: failures that central raises, such as
+    "timeout", have no data.
     """
     if not isinstance(handler, ExceptionHandler):
         raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
@@ -263,7 +266,8 @@ def check_handles(failure: Any, handler: Any) -> None:
             )
     elif not isinstance(failure, Failure):
         raise MisuseError(
-            f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision'), or None"
+            f"{failure!r:.60} is no failure: "
+            "give the declaration, such as Failure('collision'), or None"
         )
     elif handler.data.kind is not type(None) and (
         misfit := first_misfit(failure.data.schema, handler.data.schema)
@@ -285,22 +289,24 @@ def check_function(
     *,
     may_be_async: bool = False,
 ) -> int:
-    """The least number of arguments a function takes, of the *possible* ones; *wanted* shows them,
-    such as "(sender, reply)". So a parameter with a default keeps that: ``lambda n=n: ...`` in a
-    loop. Raises MisuseError for what can't be called so, or must be awaited.
+    """Return the least number of arguments with which a function can be called.
+
+    *possible* are the numbers to try; *wanted* shows the arguments, such as "(sender, reply)". With
+    the least number, a parameter with a default keeps its default: ``lambda n=n: ...`` in a loop.
+    Raises MisuseError for a value that can't be called so, or that must be awaited.
     """
     if not callable(function):
         raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")
     name = getattr(function, "__qualname__", repr(function))
     if is_async(function) and not may_be_async:
         raise MisuseError(
-            f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function"
+            f"{what}: {name} is 'async def', which is not awaited here: make it a plain function"
         )
     possible = possible or (wanted.count(",") + 1,)
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
-        return min(possible)  # some functions written in C do not say
+        return min(possible)  # some functions written in C have no signature
     for number in sorted(possible):
         with contextlib.suppress(TypeError):
             signature.bind(*(None,) * number)
@@ -309,6 +315,6 @@ def check_function(
 
 
 def is_async(function: Callable[..., object]) -> bool:
-    """Whether it is an ``async def`` function, or an object that is called like one."""
+    """Whether a function is ``async def``, or an object that is called like one."""
     called = getattr(function, "__call__", None)  # noqa: B004
     return any(map(inspect.iscoroutinefunction, (function, called)))

@@ -1,4 +1,4 @@
-"""Client: a script that handles nothing sends with it."""
+"""Client: the connection of a script, which sends messages and handles none."""
 
 import atexit
 import logging
@@ -23,7 +23,11 @@ _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 
 
 class Client(Sender):
-    """A connection of a program that handles nothing; it sends under the root. For one thread."""
+    """A connection of a program that handles no messages. It sends under the root.
+
+    ``connect()`` makes one. It belongs to the thread that opened it; other threads ``connect()``
+    themselves. Use it in a ``with`` block, or call ``close()``.
+    """
 
     def __init__(self, connection: Connection, linger: float = LINGER) -> None:
         super().__init__()
@@ -40,36 +44,49 @@ class Client(Sender):
 
     @property
     def name(self) -> str:
-        """The name under which central knows this client."""
-        return self._opened().session.module
+        """The name by which central knows this client."""
+        return self._open_link().session.module
 
     @property
     def address(self) -> str:
         """Central's address."""
-        return self._opened().transport.address
+        return self._open_link().transport.address
 
     def status(
         self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN
     ) -> Any:
-        """Central's report on a topic, as plain values: "status", "modules", "messages", "tree",
-        "variables", "load" (how busy everything is, and the longest waits) or "attached" (exception
-        handlers, wiretaps and monitors, at most 10,000 of each). Raises Timeout.
+        """Return central's report on a topic, as plain values (dicts, lists, numbers, texts).
+
+        Args:
+            topic: "status", "modules", "messages", "tree", "variables", "load" (how busy everything
+                is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors,
+                at most 10,000 of each). Default: "status".
+            timeout: the most seconds to wait; None waits for ever. Default: 30.
+
+        Raises:
+            Timeout: central did not answer in time.
+            MisuseError: there is no such topic.
         """
         check("status()", _TOPIC, topic=topic)
         check("status()", checks.TIMEOUT, timeout=timeout)
         return msgspec.msgpack.decode(self._ask_central(topic, timeout))
 
     def close(self) -> None:
-        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something
-        may not have, Refused if a task that was sent was refused; twice does no harm.
+        """Say goodbye to central when all sent messages have arrived. Closing again does nothing.
+
+        It waits at most *linger* seconds, see ``connect()``.
+
+        Raises:
+            NotSent: messages may not have arrived.
+            Refused: central refused a task that was sent, and nothing has raised that yet.
         """
         link = self._link
-        _open.discard(self)
+        _open_clients.discard(self)
         if link is not None and link.is_inherited:
-            self._link = None  # the process that opened it says goodbye
+            self._link = None  # the process that opened the client says goodbye
         elif link is not None:
             try:
-                link.close(self._linger)  # it may call functions, which send with this
+                link.close(self._linger)  # may call callbacks, which send with this client
             finally:
                 self._link = None
 
@@ -91,20 +108,20 @@ class Client(Sender):
         return self._process == os.getpid() and not self._thread.is_alive()
 
     def _close_at_exit(self) -> None:
-        """Close it, if it is of this process. Raises NotSent if something may be lost."""
-        link, is_mine = self._link, self._thread is threading.current_thread()
+        """Close the client if this process opened it. Raises NotSent if messages may be lost."""
+        link, is_own_thread = self._link, self._thread is threading.current_thread()
         if link is None or self._process != os.getpid():
             return
-        if not (is_mine or self._thread.daemon):
+        if not (is_own_thread or self._thread.daemon):
             self._thread.join()
-        if is_mine or self._is_abandoned or (link.missing and link.take_over(self._linger)):
+        if is_own_thread or self._is_abandoned or (link.missing and link.take_over(self._linger)):
             link.close(self._linger)
         elif number := link.missing:
             where = f"central at {link.transport.address}"
             why = f"thread '{self._thread.name}' still waits, and has not closed its client"
             raise NotSent(number, f"{link.messages(number)} may not have reached {where}: {why}")
 
-    def _opened(self) -> Connection:
+    def _open_link(self) -> Connection:
         if self._link is None:
             raise MisuseError(
                 "this client is closed: use it inside its 'with' block, or connect() again"
@@ -112,8 +129,8 @@ class Client(Sender):
         return self._link
 
     def _connection(self) -> Connection:
-        link = self._link or self._opened()
-        link.check_thread(self, "opened it", "in other threads connect() anew")
+        link = self._link or self._open_link()
+        link.check_thread(self, "opened it", "other threads connect() themselves")
         return link
 
 
@@ -126,43 +143,64 @@ def connect(
 ) -> Client:
     """Connect to central from a program that is no module.
 
-    Raises CentralLost if no central answers within *patience* seconds. The end of its ``with``
-    block waits until all that was sent has arrived, at most *linger* seconds; it raises NotSent if
-    something may not have.
+    The end of the ``with`` block waits until all sent messages have arrived.
+
+    Args:
+        name: the name by which central knows the client, 1 to 128 printable characters. Default:
+            "script".
+        central: an address such as "tcp://rover:7400", or a ``LocalCentral``. Default: None, which
+            means ``$TCA_CENTRAL`` or else the default socket.
+        patience: the seconds to wait for central here; also the seconds of central's silence after
+            which a later wait raises CentralLost. Default: 5.
+        linger: the most seconds that the end of the block waits for sent messages to arrive.
+            Default: 10.
+
+    Returns:
+        The Client.
+
+    Raises:
+        CentralLost: no central answered within *patience* seconds.
+        Refused: central does not admit this program.
+        NotSent: at the end of the block, messages may not have arrived.
+        MisuseError: an argument has the wrong type or range.
+
+    Example::
+
+        with connect("operator") as user:
+            user.goal(WALK, path).wait(timeout=60)
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     try:
         client = Client(open_connection(central, hello(name), patience), linger)
     except CentralLost as error:
-        raise CentralLost(
-            str(error)
-        ) from None  # a short traceback: what a script shows that does not catch it
+        # Without its cause: a script that does not catch the error prints a short traceback.
+        raise CentralLost(str(error)) from None
     _close_abandoned()
-    _open.add(client)
+    _open_clients.add(client)
     _close_at_end_of(os.getpid())
     return client
 
 
-_open: set[Client] = set()
-"""Those that nobody has closed."""
+_open_clients: set[Client] = set()
+"""The clients that have not been closed."""
 
 
 def _close_abandoned() -> None:
-    """Close the clients whose threads have ended, so that they do not pile up."""
-    for client in [client for client in list(_open) if client._is_abandoned]:  # noqa: SLF001
+    """Close the clients whose threads have ended, so that they do not accumulate."""
+    for client in [one for one in list(_open_clients) if one._is_abandoned]:  # noqa: SLF001
         try:
             client.close()
         except (CentralLost, Refused) as lost:
-            logging.getLogger("tca").error("%s", lost)  # noqa: TRY400 - nobody here could catch it
+            logging.getLogger("tca").error("%s", lost)  # noqa: TRY400 - no caller could catch it
 
 
 def _close_all() -> str:
-    """Close all clients; what may be lost, a line each."""
+    """Close all clients. Returns a line for each that may have lost messages."""
     lost = []
-    while _open:
+    while _open_clients:
         try:
-            _open.pop()._close_at_exit()  # noqa: SLF001
+            _open_clients.pop()._close_at_exit()  # noqa: SLF001
         except (CentralLost, Refused) as error:
             lost.append(str(error))
     return "\n".join(lost)
@@ -170,8 +208,10 @@ def _close_all() -> str:
 
 @atexit.register
 def _at_exit() -> None:
-    """Close the clients that nobody has closed. If messages may be lost, end the process with exit
-    code 1: an error would not change the exit code here.
+    """Close the clients that are still open at the end of the program.
+
+    If messages may be lost, it ends the process with exit code 1: an error raised here would not
+    change the exit code.
     """
     if lost := _close_all():
         logging.shutdown()
@@ -183,8 +223,9 @@ def _at_exit() -> None:
 
 @cache
 def _close_at_end_of(_process: int) -> None:
-    """Do the same at the end of a process of ``multiprocessing``, which may end without
-    ``atexit``.
+    """Register the closing of clients for the end of a ``multiprocessing`` process.
+
+    These processes may end without ``atexit``.
     """
     processes: Any = sys.modules.get("multiprocessing.process")
     if processes is not None and processes.parent_process() is not None:
@@ -192,10 +233,13 @@ def _close_at_end_of(_process: int) -> None:
 
 
 _LAST = -100
-"""The priority of what is done when all else is: queues, for example, are emptied before."""
+"""The priority of the last finalizer: queues, for example, are emptied before."""
 
 
 def _at_end_of_child() -> None:
-    """As above; an error does change the exit code of such a process."""
+    """Close the clients that are still open at the end of a ``multiprocessing`` process.
+
+    If messages may be lost, it exits with an error: here that does change the exit code.
+    """
     if lost := _close_all():
         sys.exit(lost)

@@ -1,37 +1,35 @@
-"""Errors of the module library, by whose fault they are.
+"""Errors of the module library, by their cause.
 
-TcaError             the base of the others
-├── MisuseError      the caller: a call that can't be right, whatever the robot does
-├── Refused          central refused a request; nothing of it remains
-│   ├── FormatRefused    others use a message of that name with another format or class
-│   └── Deadlock         the wait would never end
-├── CentralLost      central does not answer, or was restarted and has forgotten the request
-│   └── NotSent          messages may not have arrived when their program left
-├── LockLost         a lock or reservation was taken away before its release
-├── Stopped          the module ends: the wait is over
-├── NotDeclared      nobody has declared a message of that name (also a LookupError)
-├── VariableNotSet   a variable has no value yet (also a LookupError)
-├── Timeout          no answer in time (also a TimeoutError)
-├── QueryFailed      the handler of a query failed
-├── TaskFailed       a goal or command failed
-├── Rejected         the handler of a task did not take over a new goal
-└── TaskKilled       a goal or command was killed: one waited for, or the handler's own
-BadData              data does not fit the format of its message (from tca_wire)
+TcaError             the base of the others.
+├── MisuseError      the caller's mistake: the call is wrong, whatever the robot does.
+├── Refused          central refused a request, which left no trace.
+│   ├── FormatRefused    others use the message's name with another format or class.
+│   └── Deadlock         the wait would never end.
+├── CentralLost      central does not answer, or was restarted and has forgotten the request.
+│   └── NotSent          messages may not have arrived when their program left.
+├── LockLost         a lock or reservation was taken away before its release.
+├── Stopped          the module ends, so the wait ends.
+├── NotDeclared      no module has declared the message (also a LookupError).
+├── VariableNotSet   a variable has no value yet (also a LookupError).
+├── Timeout          no answer in time (also a TimeoutError).
+├── QueryFailed      the handler of a query failed.
+├── TaskFailed       a goal or command failed.
+├── Rejected         the handler of a task did not accept a new goal.
+└── TaskKilled       a goal or command was killed: a task waited for, or the handler's own.
+BadData              data does not fit the format of its message (from tca_wire).
 """
 
 import asyncio
 from typing import Any
 
-from tca_wire.errors import BadData as BadData  # noqa: PLC0414 - it belongs to them
+from tca_wire.errors import BadData as BadData  # noqa: PLC0414 - exported here, too
 from tca_wire.errors import CopyableError
 from tca_wire.messages.declarations import D, Failure
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
 
 ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
-"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the
-module.
-"""
+"""Errors that fail one user function only. Others, such as KeyboardInterrupt, end the module."""
 
 
 class TcaError(CopyableError):
@@ -39,11 +37,16 @@ class TcaError(CopyableError):
 
 
 class MisuseError(TcaError):
-    """The library was called in a way that can't be right."""
+    """The library was called wrongly. The text names the call, the value and the remedy."""
 
 
 class Refused(TcaError):
-    """Central refused a request: *refusal* is the kind, *text* is central's explanation."""
+    """Central refused a request. Nothing of the request remains.
+
+    Attributes:
+        refusal: the kind of refusal, a ``Refusal``.
+        text: central's explanation.
+    """
 
     def __init__(self, what: str, refusal: Refusal, text: str) -> None:
         super().__init__(f"{what} was refused: {text}")
@@ -52,25 +55,32 @@ class Refused(TcaError):
 
 
 class FormatRefused(Refused):
-    """A message is declared with another format or class than others use."""
+    """A message is declared with another format or class than other programs use."""
 
 
 class Deadlock(Refused):
-    """The wait would never end; the text names the circle. A handler that does not catch it fails
-    with "deadlock".
+    """The wait would never end. The text names the cycle of waits.
+
+    A handler that does not catch it fails with "deadlock".
     """
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted; also raised by calls that name a task from before
-    a restart. Central may have got the request: a goal, command or monitor is then killed as soon
-    as it hears this program again, anything else is done.
+    """Central does not answer, or was restarted and has forgotten the request.
+
+    Calls that name a task from before a restart raise it, too. Central may have received the
+    request. A goal, command or monitor is then killed as soon as central hears from this program
+    again. Any other request is carried out.
     """
 
 
 class NotSent(CentralLost):
-    """So many messages, *number*, may not have arrived when their program left. Raised by the end
-    of a ``with connect()`` block, and by that of a module.
+    """Messages may not have arrived when their program left.
+
+    The end of a ``with connect()`` block raises it, and the end of a module.
+
+    Attributes:
+        number: the number of messages.
     """
 
     def __init__(self, number: int, text: str) -> None:
@@ -79,29 +89,35 @@ class NotSent(CentralLost):
 
 
 class Stopped(TcaError):
-    """The module was told to end: before central had welcomed it, or while a handler waited, which
-    may clean up now. If it does not catch this, it fails with "module lost", unless its task was
-    killed.
+    """The module was told to end while this call waited.
+
+    A handler may catch it to clean up. If it does not, it fails with "module lost", unless its task
+    was killed.
     """
 
 
 class LockLost(TcaError):
-    """A lock or reservation was taken away, or central was restarted, before its release; others
-    may have been let in. A handler that does not catch it fails with "lock lost".
+    """A lock or reservation was taken away before its release, or central was restarted.
+
+    Others may have used the resource since. A handler that does not catch it fails with "lock
+    lost".
     """
 
 
 class NotDeclared(TcaError, LookupError):
-    """Nobody has declared a message of that name."""
+    """No module has declared a message of that name."""
 
 
 class VariableNotSet(TcaError, LookupError):
-    """A variable was never set."""
+    """A variable has never been set."""
 
 
 class Timeout(TcaError, TimeoutError):
-    """An answer did not come in time: *what* says so, without advice; *can_wait*: the call's
-    timeout= sets the time.
+    """An answer did not arrive in time.
+
+    Attributes:
+        what: the text without advice.
+        can_wait: whether a longer ``timeout=`` of the call helps.
     """
 
     def __init__(self, what: str, *, can_wait: bool = False) -> None:
@@ -111,15 +127,19 @@ class Timeout(TcaError, TimeoutError):
 
 
 class RequestFailed(TcaError):
-    """A request, the failure it ended with, and the failure's data."""
+    """The base of ``QueryFailed`` and ``TaskFailed``.
+
+    Attributes:
+        failure: the name of the failure.
+        text: the failure's explanation.
+        body: the failure's data, encoded; see ``data`` and ``data_as()``.
+        passed_on: the text of the failure of the same name in a handler that does not catch this.
+    """
 
     def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
         summary = text.partition("\n")[0]  # of a traceback
         super().__init__(": ".join(filter(None, (f"{what} failed", failure, summary))))
         self.passed_on = ": ".join(filter(None, (f"{what} failed", summary)))
-        """The words of the failure of the same name that a handler has which does not catch
-        this.
-        """
         self.failure = failure
         self.text = text
         self.body = body
@@ -130,10 +150,25 @@ class RequestFailed(TcaError):
         return decode_untyped(self.body)
 
     def data_as(self, failure: Failure[D]) -> D:
-        """The data as that failure declares it. Raises MisuseError if this is another failure."""
+        """Return the failure's data as *failure* declares it.
+
+        Raises:
+            MisuseError: this error has another failure.
+            BadData: the data do not fit the declaration.
+
+        Example::
+
+            try:
+                user.command(MOVE_LEG, 3).result(timeout=10)
+            except TaskFailed as error:
+                if error.failure == COLLISION.name:
+                    print(error.data_as(COLLISION).force)
+        """
         if failure.name != self.failure:
-            msg = f"this is failure '{self.failure}', not '{failure.name}': compare .failure before data_as()"
-            raise MisuseError(msg)
+            raise MisuseError(
+                f"this is failure '{self.failure}', not '{failure.name}': "
+                "compare .failure before data_as()"
+            )
         return failure.data.decode(self.body or NIL)
 
 
@@ -142,15 +177,29 @@ NIL = b"\xc0"
 
 
 class QueryFailed(RequestFailed):
-    """The handler of a query failed: ``failure`` is the failure's name."""
+    """The handler of a query failed.
+
+    Attributes:
+        failure: the name of the failure.
+        text: the failure's explanation.
+    """
 
 
 class TaskFailed(RequestFailed):
-    """A goal or command failed: ``failure`` is the failure's name."""
+    """A goal or command failed.
+
+    Attributes:
+        failure: the name of the failure.
+        text: the failure's explanation.
+    """
 
 
 class Rejected(TcaError):
-    """The handler of a task goes on with its goal, and not with the new one: *reason* says why."""
+    """The handler of a task rejected a new goal and continues with the old one.
+
+    Attributes:
+        reason: the handler's reason; "" without one.
+    """
 
     def __init__(self, what: str, reason: str) -> None:
         super().__init__(f"{what} was rejected" + (f": {reason}" if reason else ""))
@@ -158,8 +207,14 @@ class Rejected(TcaError):
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says why and by whom. A handler whose own task was
-    killed, or is to be handled again, may clean up now; not catching this is no failure.
+    """A goal or command was killed.
+
+    A wait for a killed task raises it. A wait of a handler also raises it when the handler's own
+    task was killed or is about to be retried. The handler may catch it to clean up, but need not:
+    letting it pass is no failure.
+
+    Attributes:
+        why: the reason, and the name of the killer.
     """
 
     def __init__(self, what: str, why: str) -> None:

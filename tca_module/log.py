@@ -1,4 +1,4 @@
-"""The loggers of modules: "tca." and the module's name."""
+"""The loggers of modules. Each is called "tca." and the module's name."""
 
 import logging
 import sys
@@ -8,8 +8,10 @@ from functools import partial
 
 
 def log_of(name: str) -> logging.Logger:
-    """The logger of a module. An error of a handler or filter that its user has added ends no
-    thread of the module: it is printed, as logging does with errors of its own handlers.
+    """Return the logger of a module.
+
+    A log handler or filter of the user that raises an error ends no thread of the module. The error
+    is printed, as logging does with errors of its own handlers.
     """
     logger = logging.getLogger(f"tca.{name}")
     if not isinstance(logger.handle, partial):
@@ -20,6 +22,6 @@ def log_of(name: str) -> logging.Logger:
 def _handle(handle: Callable[[logging.LogRecord], None], record: logging.LogRecord) -> None:
     try:
         handle(record)
-    except Exception:  # noqa: BLE001 - whatever it is, it is not about what was logged
+    except Exception:  # noqa: BLE001 - the error is unrelated to the logged event
         if logging.raiseExceptions and sys.stderr is not None:
             traceback.print_exc()

@@ -1,5 +1,6 @@
-"""Module: a program's handlers and their threads. One resource is one thread with its own
-connection.
+"""Module: the handlers of a program, and the threads that call them.
+
+Each slot of a resource is one thread with its own connection to central.
 """
 
 import contextlib
@@ -19,8 +20,7 @@ from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
 from tca_module.log import log_of
-from tca_module.sending.sender import Sender
-from tca_module.serving.callbacks import Callback, Callbacks, HasFileno, ObservingFunction
+from tca_module.serving.callbacks import Callbacks
 from tca_module.serving.handler_options import (
     BUSY,
     HandlerOptions,
@@ -29,39 +29,51 @@ from tca_module.serving.handler_options import (
     checked_format,
 )
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
+from tca_module.serving.module_callbacks import ModuleCallbacks
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
 
-_WARN_AFTER = 5.0  # seconds that a module waits for required messages without a word
-_SIGNALS_PERIOD = (
-    5.0  # seconds after which a signal is noticed that another thread got, as under a debugger
-)
+_WARN_AFTER = 5.0  # seconds of a wait for required messages before the log warns
 
-CallbackFunction = Callable[[Callback], object] | Callable[[], object]
-F = TypeVar("F", bound=CallbackFunction)
-O = TypeVar("O", bound=ObservingFunction)  # noqa: E741 - as F
+# Seconds between two wake-ups of the main thread. Another thread may have received the signal, as
+# under a debugger: then only a wake-up runs its handler.
+_SIGNALS_PERIOD = 5.0
+
 Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
-class Module(Sender):
-    """A named program that handles messages.
+class Module(ModuleCallbacks):
+    """A named program that handles messages. While it runs, it is also a Sender.
 
-    ::
+    Declare resources, handlers and callbacks first. Then call ``run()`` or enter ``running()``. A
+    running module sends under the root, in the thread that started it.
+
+    Args:
+        name: the module's name, 1 to 128 printable characters. Give each running module its own
+            name.
+        central: an address such as "tcp://rover:7400", or a ``LocalCentral``. Default: None, which
+            means ``$TCA_CENTRAL`` or else the default socket.
+        capacity: the number of messages that the module's own resource handles at a time, 1 to 256.
+            Default: 1.
+        requires: the messages that must have a handler, here or elsewhere, before the module
+            serves, also after a restart of central. Modules that require each other wait for ever:
+            see 'tca status'. Default: none.
+
+    Raises:
+        MisuseError: an argument has the wrong type or range.
+
+    Example::
 
         planner = Module("gait planner")
 
         @planner.handles(TAKE_STEPS)
-        def take_steps(task: Task, arc: Arc) -> None: ...
+        def take_steps(task: Task, arc: Arc) -> None:
+            for _ in range(arc.steps):
+                task.command(MOVE_LEG)
 
         planner.run()
-
-    With *requires*, it serves only when all of these messages are handled, by itself or others,
-    also after a restart of central. Modules that require each other wait for ever: see 'tca
-    status'.
-
-    A running module is also a Sender under the root, for the thread that started it.
     """
 
     def __init__(
@@ -83,7 +95,7 @@ class Module(Sender):
         self.central = central
         self._resources = {name: ResourcePlan(capacity)}
         self._handlers: dict[str, Handler] = {}
-        self._first: list[Callable[[Module], object]] = []
+        self._start_functions: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
         self._slots = Slots(name)
         self._stop = Stop()
@@ -105,16 +117,34 @@ class Module(Sender):
         hung_after: float = 5.0,
         when_busy: WhenBusy = "queue",
     ) -> str:
-        """Declare a part of the module that handles at most *capacity* messages at a time, each in
-        its own thread. Handlers choose it with ``resource=``; the others use the module's own
-        resource, which this may name, too.
+        """Declare a part of the module that handles *capacity* messages at a time, one thread each.
 
-        With ``hung="replace"`` a handler that does not return *hung_after* seconds after its task
-        was killed, or its sender gave up, is left behind: another thread takes its place. Without
-        it the place stays taken.
+        Handlers choose a resource with ``resource=``. The others use the module's own resource,
+        which has the module's name and can be declared here, too.
 
-        *when_busy* says what becomes of a task that would have to wait for it, unless its handler,
-        declared after this, says so: see HandlerOptions.
+        Args:
+            name: the resource's name, 1 to 128 printable characters.
+            capacity: the number of messages that it handles at a time, 1 to 256. Default: 1.
+            hung: "wait" leaves a slot occupied until its handler returns. "replace" gives the slot
+                a new thread when its handler hangs, and abandons the old thread. Default: "wait".
+            hung_after: with "replace", the seconds after which a handler counts as hung. They count
+                from the kill of its task, or from the moment its sender gave up. Default: 5.
+            when_busy: the fate of a task that would have to wait: "queue", "preempt" or "reject",
+                as in ``HandlerOptions``. A handler that is declared later can override it. Default:
+                "queue".
+
+        Returns:
+            The name, to be given as ``resource=``.
+
+        Raises:
+            MisuseError: the module runs already, or an argument has the wrong type or range.
+
+        Example::
+
+            camera = arm.resource("camera", capacity=2)
+
+            @arm.handles(LOOK, resource=camera)
+            def look(task: Task, place: Place) -> Image: ...
         """
         self._check_not_running("resource()")
         check("resource()", checks.NAME, name=name)
@@ -136,17 +166,36 @@ class Module(Sender):
         self, message: Message[D, R], **options: Unpack[HandlerOptions]
     ) -> HandlerDecorator[D, R]: ...
     def handles(self, message: Message[Any, Any], **options: Unpack[HandlerOptions]) -> Any:
-        """Declare the decorated function, plain or ``async def``, as this module's handler of
-        *message*.
+        """Declare the decorated function, plain or ``async def``, as the handler of *message*.
 
-        The newest module that declares a handler gets the messages; modules that name the same
-        *pool* share them.
+        The function gets the ``Task`` and the message's data; without data, the ``Task`` only. It
+        returns the reply of a query, or the result of a command. An exception that it raises is a
+        failure of the message. The newest module that declares a handler gets the messages. Modules
+        that name the same *pool* share them.
+
+        Args:
+            message: the message; at most one handler for each in a module.
+            options: see ``HandlerOptions``: resource, pool, pending, direct, accepts, takes,
+                refuses, when_busy.
+
+        Returns:
+            A decorator that returns the function unchanged.
+
+        Raises:
+            MisuseError: the module runs already or handles *message* already; an option is wrong;
+                or the function's parameters do not fit the message.
+
+        Example::
+
+            @arm.handles(MOVE, resource="motors")
+            def move(task: Task, place: Place) -> Footfall:
+                return motors.move_to(place)
         """
         self._check_not_running("handles()")
-        known_as = checked_format(message, options, self.name, self._resources)
+        handler_format = checked_format(message, options, self.name, self._resources)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            self._add(Handler(message, function, known_as))
+            self._add(Handler(message, function, handler_format))
             return function
 
         return declare
@@ -154,14 +203,28 @@ class Module(Sender):
     def serve(
         self, message: TaskMessage[D, R], server: Server[D, R], **options: Unpack[HandlerOptions]
     ) -> None:
-        """Declare a Server as this module's handler of the tasks of *message*. Its methods say what
-        it takes; otherwise like ``handles``.
+        """Declare a ``Server`` as the handler of the tasks of *message*.
+
+        The Server's methods decide which requests of clients it handles; the others get the
+        default. Options and errors are those of ``handles``.
+
+        Args:
+            message: a goal or command.
+            server: an instance of a subclass of ``Server``.
+            options: see ``HandlerOptions``, except *takes*.
+
+        Raises:
+            MisuseError: as for ``handles``; also for *takes*, and for a *server* that is no Server.
+
+        Example::
+
+            arm.serve(GRASP, Grasping())
         """
         self._check_not_running("serve()")
         check_class(message, Goal, Command, call="serve")
         if "takes" in options:
             raise MisuseError(
-                f"serve() of {message.title}: the methods of the Server say what it takes, not takes="
+                f"serve() of {message.title}: leave out takes=, the Server's methods decide that"
             )
         options["takes"] = [
             name for name in taken_by(message, server) if name not in options.get("refuses", ())
@@ -173,120 +236,68 @@ class Module(Sender):
         )
 
     def _add(self, handler: Handler) -> None:
+        """Add a handler. Raises MisuseError for a second handler of one message."""
         name = handler.message.name
         if known := self._handlers.get(name):
-            msg = f"module '{self.name}' handles '{name}' already, in {known.name}: one handler a message"
-            raise MisuseError(msg)
+            raise MisuseError(
+                f"module '{self.name}' handles '{name}' already, in {known.name}: "
+                "a module has one handler for each message"
+            )
         self._handlers[name] = handler
         self._resources.setdefault(handler.resource, ResourcePlan())
 
     def at_start(self, function: Start) -> Start:
-        """Have the decorated function called with the module once it has joined, before it gets any
-        message: to attach exception handlers and wiretaps. An error in it ends the module. It is
-        not called again when central is restarted: what it attached to messages and to the root is
-        attached anew by itself.
+        """Call the decorated function with the module when it has joined, before any message comes.
+
+        Attach exception handlers and wiretaps here. An error in the function ends the module. After
+        a restart of central, the function is not called again: the library itself reattaches its
+        attachments to messages and to the root.
+
+        Args:
+            function: takes the Module.
+
+        Returns:
+            The function.
+
+        Raises:
+            MisuseError: the module runs already, or the function takes other arguments.
+
+        Example::
+
+            @safety.at_start
+            def watch(module: Module) -> None:
+                module.on_failure(COLLISION, RAISE_LEG, of=MOVE_LEG)
         """
         self._check_not_running("at_start()")
         check_function("at_start()", function, "(module)")
-        self._first.append(function)
+        self._start_functions.append(function)
         return function
-
-    # --- callbacks --------------------------------------------------------------------------------
-
-    def every(self, period: float, *, resource: str | None = None) -> Callable[[F], F]:
-        """Have the decorated function called every *period* seconds while the module runs, first
-        after one period, without drift; missed calls are skipped.
-
-        The function takes the Callback, to send with and to ``cancel()``, or nothing. A parameter
-        with a default keeps it: ``lambda n=n: ...``. The thread of *resource* calls it between
-        messages; by default a thread for callbacks alone. Errors in it are logged.
-        """
-        check("every()", checks.NAME_OR_NONE, resource=resource)
-
-        def declare(function: F) -> F:
-            self._called_by("every()", resource).every(period, function)
-            return function
-
-        return declare
-
-    def observes(
-        self,
-        message: Message[Any, Any] | None = None,
-        *,
-        states: Collection[str] = (),
-        resource: str | None = None,
-    ) -> Callable[[O], O]:
-        """Have the decorated function called with a Sender and each change of state of the tasks of
-        *message* (None: of all tasks), or with the change alone: first with how each living one
-        stands (``is_late``). With *states*, only with changes to one of these. Neither their
-        senders nor their handlers need know of it.
-
-        ::
-
-            @head.observes(GRASP, states=["running"])
-            def look(sender: Sender, change: Change) -> None:
-                sender.inform(GAZE, change.goal.place)
-
-        The thread of *resource* calls it between messages; by default the one for callbacks. Errors
-        in it are logged.
-        """
-        self._check_not_running("observes()")
-        check("observes()", checks.NAME_OR_NONE, resource=resource)
-
-        def declare(function: O) -> O:
-            self._called_by("observes()", resource).observe(message, states, function)
-            return function
-
-        return declare
-
-    def after(
-        self, delay: float, function: CallbackFunction, *, resource: str | None = None
-    ) -> Callback:
-        """Have a function called once, *delay* seconds from now or from the module's start;
-        otherwise like ``every``. May be called at any time, from any thread.
-        """
-        return self._called_by("after()", resource).after(delay, function)
-
-    def on_readable(
-        self, source: int | HasFileno, function: CallbackFunction, *, resource: str | None = None
-    ) -> Callback:
-        """Have a function called whenever a socket, pipe or other file (or its number) has
-        something to read; otherwise like ``after``. The function reads it, or is called again at
-        once. ``cancel()`` it before closing the file.
-        """
-        return self._called_by("on_readable()", resource).on_readable(source, function)
-
-    def _called_by(self, call: str, resource: str | None) -> Callbacks:
-        check(call, checks.NAME_OR_NONE, resource=resource)
-        named = resource or CALLBACKS
-        if self._link is None:
-            self._resources.setdefault(named, ResourcePlan())
-        else:
-            self._link.check_process()
-        return self._slots.callbacks(named)
-
-    def _check_not_running(self, call: str) -> None:
-        if self._link is not None:
-            raise MisuseError(
-                f"{call} of module '{self.name}' comes too late: declare before run()"
-            )
 
     # --- running ----------------------------------------------------------------------------------
 
     def run(
         self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER
     ) -> None:
-        """Handle messages until Ctrl-C or SIGTERM; a second one leaves at once.
+        """Handle messages until Ctrl-C, SIGTERM or ``stop()``.
 
-        Running handlers are told and waited for: ``task.cancelled`` is true, waits raise Stopped,
-            coroutines get
-        CancelledError. Handlers that were told fail with "module lost"; those that wait for nothing
-        just finish.
+        A second signal ends the process at once. At the end, running handlers are notified and
+        waited for: ``task.cancelled`` becomes true, waits raise Stopped, coroutines get
+        CancelledError. A notified handler fails with "module lost". A handler that neither waits
+        nor reads ``cancelled`` finishes normally.
 
-        Raises CentralLost if no central answers within *patience* seconds. If central goes away
-        later, waits for it; with *reconnect* False, raises CentralLost. The end waits until all
-        that was sent has arrived, at most *linger* seconds; it raises NotSent if something may not
-        have.
+        Args:
+            patience: the seconds to wait for central at the start; also the seconds of central's
+                silence after which a wait raises CentralLost. Default: 10.
+            reconnect: wait for central when it goes away later. With False, the module ends with
+                CentralLost. Default: True.
+            linger: at the end, the most seconds to wait until all sent messages have arrived.
+                Default: 10.
+
+        Raises:
+            CentralLost: no central answered within *patience* seconds; or, with *reconnect* False,
+                central went away later.
+            NotSent: messages may not have arrived when the module ended.
+            MisuseError: the module runs already, or an argument has the wrong type or range.
         """
         running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:
@@ -297,21 +308,42 @@ class Module(Sender):
     def running(
         self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER
     ) -> Iterator["Module"]:
-        """Handle messages in the background while the block lasts; otherwise like ``run``.
+        """Handle messages in the background while a ``with`` block lasts.
 
-        The module may end earlier: by ``stop``, or by an error in a handler that is no Exception,
-            such as
-        KeyboardInterrupt. The log says so at once, and the end of the block raises it. (SystemExit
-        and asyncio.CancelledError are handler errors.)
+        Inside the block, the thread that entered it can send with the module. The module may end
+        before the block: by ``stop()``, or by an error in a handler that is no Exception, such as
+        KeyboardInterrupt. The error is logged at once and raised at the end of the block.
+        (SystemExit and asyncio.CancelledError count as failures of their handlers.)
+
+        Args:
+            patience: see ``run``. Default: 10 s.
+            reconnect: see ``run``. Default: True.
+            linger: see ``run``. Default: 10 s.
+
+        Yields:
+            The module.
+
+        Raises:
+            CentralLost: no central answered within *patience* seconds.
+            NotSent: messages may not have arrived when the module ended.
+            MisuseError: the module runs already, or an argument has the wrong type or range.
+
+        Example::
+
+            with planner.running(), connect("test") as user:
+                user.goal(TAKE_STEPS, arc).wait(timeout=60)
         """
         if self._link is not None:
             msg = f"module '{self.name}' runs already"
             if self._stop.is_set():
-                msg = f"module '{self.name}' ends: it can begin again when its 'with module.running():' has been left"
+                msg = (
+                    f"module '{self.name}' is ending: leave its 'with module.running():' block "
+                    "before you start it again"
+                )
             raise MisuseError(msg)
         self._stop.clear()
         try:
-            self._begin(patience, linger, reconnect=reconnect)
+            self._start(patience, linger, reconnect=reconnect)
         except CentralLost as error:
             raise CentralLost(f"module '{self.name}': {error}") from None
         try:
@@ -319,27 +351,28 @@ class Module(Sender):
         except BaseException as error:
             for earlier in self._leave(error):
                 if isinstance(error, Exception) and not isinstance(earlier, Exception):
-                    raise earlier from error  # one that must be noticed
-                ended = f"module '{self.name}' had ended before: {type(earlier).__name__}: "
-                error.add_note(f"{'' if isinstance(earlier, NotSent) else ended}{earlier}")
+                    raise earlier from error  # such as KeyboardInterrupt: must not be hidden
+                cause = f"module '{self.name}' had ended before: {type(earlier).__name__}: "
+                error.add_note(f"{'' if isinstance(earlier, NotSent) else cause}{earlier}")
             raise
         for earlier in self._leave():
             raise earlier
 
     def stop(self) -> None:
-        """Have the module end: ``run`` returns. May be called from any thread.
+        """End the module, from any thread: ``run`` returns.
 
-        A ``running`` block goes on without handlers and callbacks, and can still send; messages go
-        to the modules that handled them before.
+        A ``running`` block continues without handlers and callbacks, and can still send. Messages
+        go to the modules that handled them before.
         """
         self._stop.set()
 
     @property
     def stopping(self) -> bool:
-        """Whether the module is about to end."""
+        """Whether the module has been told to end."""
         return self._stop.is_set()
 
-    def _begin(self, patience: float, linger: float, *, reconnect: bool) -> None:
+    def _start(self, patience: float, linger: float, *, reconnect: bool) -> None:
+        """Join central, call the ``at_start`` functions, declare handlers and open slots."""
         check(f"module '{self.name}'", checks.PATIENCE, patience=patience, linger=linger)
         self._linger = linger
         check(f"module '{self.name}'", checks.FLAG, reconnect=reconnect)
@@ -349,12 +382,12 @@ class Module(Sender):
         if (known := link.session.module) != self.name:
             text = f"another module '{self.name}' runs, so central calls this one '{known}'"
             self._log.warning(
-                "%s: give each a name of its own, unless the newer one replaces the older", text
+                "%s: give each module its own name, unless the newer one replaces the older", text
             )
         link.session.replace_slot = self._slots.replace
         try:
             self._wait_for_required(link)
-            for function in self._first:
+            for function in self._start_functions:
                 function(self)
             handlers = self._handlers.values()
             messages, formats = [one.message for one in handlers], [one.format for one in handlers]
@@ -370,6 +403,8 @@ class Module(Sender):
         self._keep_alive = KeepAlive(link, self._stop, reconnect=reconnect)
 
     def _wait_for_required(self, link: Connection) -> None:
+        """Wait until all required messages that this module does not handle have a handler."""
+        # A module that waited for its own handlers would never declare them.
         required = [message for message in self._required if message.name not in self._handlers]
         if not required:
             return
@@ -381,7 +416,7 @@ class Module(Sender):
             if self._stop.is_set():
                 link.abandon(request)
                 raise Stopped(
-                    f"module '{self.name}' was told to end while it waited for what it requires"
+                    f"module '{self.name}' was stopped while it waited for required messages"
                 )
             while request.answers:
                 warned = True
@@ -394,46 +429,55 @@ class Module(Sender):
                 )
 
     def _open_slots(self, incarnation: str, serving: Serving) -> None:
+        """Start a thread for each slot of the resources in use."""
+
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(
                 self.name, number, resource, incarnation, self._resources[resource].hung_after
             )
             slot = Slot(serving, greeting, callbacks)
             if getattr(self.central, "is_stepped", False):
-                slot.opened.wait()  # in the declared order: so the same test has the same transcript
+                # One slot after the other, in declared order, so that a test has one transcript.
+                slot.opened.wait()
             return slot
 
-        self._resources.setdefault(
-            CALLBACKS, ResourcePlan()
-        )  # after() may have been called while required messages were awaited
+        # after() may have been called during the wait for required messages.
+        self._resources.setdefault(CALLBACKS, ResourcePlan())
         used = {
             handler.resource for handler in self._handlers.values()
         } | self._slots.with_callbacks
         for name in sorted(
             name for name, plan in self._resources.items() if plan.is_declared and name not in used
         ):
-            text = "resource '%s' of module '%s' has no handler, so nothing can lock it: declare one with resource='%s'"
-            self._log.warning(text, name, self.name, name)
+            self._log.warning(
+                "resource '%s' of module '%s' has no handler, so it can't be locked: "
+                "declare a handler with resource='%s'",
+                name,
+                self.name,
+                name,
+            )
         self._slots.open(
             [name for name in self._resources if name in used], self._resources, open_slot
         )
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
-        """Take nothing new, finish what runs, say goodbye; the errors that ended the module
-        early.
+        """Accept no more messages, wait for running handlers, and say goodbye to central.
+
+        Returns the errors that ended the module early.
         """
         link = self._link
         assert link is not None
         if link.is_inherited:
-            return []  # the process that began says goodbye
+            return []  # the process that started the module says goodbye
         if self._keep_alive is not None:
             self._keep_alive.end()
         self._stop.set()
         link.leave()
         errors = self._slots.close(why)
-        is_in_vain = any(isinstance(error, NotSent) for error in errors)
+        # A slot has already waited the full time: don't wait again.
+        has_lingered = any(isinstance(error, NotSent) for error in errors)
         try:
-            link.close(0.0 if is_in_vain else self._linger, link.lost)
+            link.close(0.0 if has_lingered else self._linger, link.lost)
         except (CentralLost, Refused) as error:
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:
@@ -442,16 +486,19 @@ class Module(Sender):
         return errors
 
     def _connection(self) -> Connection:
+        """Return the module's connection. Raises MisuseError if the module does not run."""
         if self._link is None:
-            msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
-            raise MisuseError(msg)
+            raise MisuseError(
+                f"module '{self.name}' does not run: send within 'with module.running():' "
+                "or from a handler"
+            )
         self._link.check_thread(f"module '{self.name}'", "runs it")
         return self._link
 
 
 @contextmanager
 def _stopped_by_signals(stop: Stop) -> Iterator[None]:
-    """The first SIGINT or SIGTERM sets *stop*, the second ends the process at once."""
+    """Set *stop* at the first SIGINT or SIGTERM; the second one ends the process at once."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

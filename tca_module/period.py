@@ -1,29 +1,36 @@
-"""When something periodic is due: at multiples of its period, without drift."""
+"""Computes when a periodic activity is due: at multiples of its period, without drift."""
 
 import math
 
-_EXACT = 1e-9  # seconds: so much comes of rounding
+_EXACT = 1e-9  # seconds: the tolerance for rounding errors
 
 
 class Period:
-    """The times at which a task, or an activity, is due. Times, in seconds, are passed in."""
+    """The times at which a periodic activity is due, in seconds. The caller passes the time.
+
+    Attributes:
+        seconds: the length of the period.
+        due: when the present iteration is due.
+        missed: the number of deadlines missed: iterations that ended after the next one was due,
+            and skipped iterations.
+        left_out: the number of skipped iterations.
+    """
 
     def __init__(self, start: float, seconds: float) -> None:
-        """The first iteration is at *start*."""
+        """Start with an iteration that is due at *start*."""
         self.seconds = seconds
-        self.due = start  #: of the present iteration
-        self.missed = (
-            0  #: number of iterations that ended after the next was due, and of those left out
-        )
-        self.left_out = 0  #: of these, those left out
+        self.due = start
+        self.missed = 0
+        self.left_out = 0
         self._start = start
         self._turn = 0
-        self._before = start - seconds  # when the iteration before the present one was due
+        self._before = start - seconds  # when the previous iteration was due
 
     def next(self, now: float, seconds: float) -> float:
-        """The present iteration ends: when the next is due. One that is late begins at once; whole
-        periods that have passed are left out. A new length of the period counts from the present
-        iteration.
+        """End the present iteration at *now*; return when the next one is due.
+
+        A late iteration starts at once, and whole periods that have passed are skipped. A new
+        length of the period, *seconds*, counts from the present iteration.
         """
         if seconds != self.seconds:
             self._start, self._turn, self.seconds = self.due, 0, seconds
@@ -37,8 +44,9 @@ class Period:
         return self.due
 
     def change(self, now: float, seconds: float) -> None:
-        """A new length of the period, from the iteration before the present one on. It moves the
-        present one only if that is not due yet: then to no time that is past.
+        """Change the length of the period, counted from the previous iteration.
+
+        The present iteration moves only if it is not due yet, and never to a time in the past.
         """
         if self.due > now:
             self.due = max(now, self._before + seconds)

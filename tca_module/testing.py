@@ -1,7 +1,6 @@
-"""LocalCentral: the real central inside your own process, for tests of modules without sockets or
-processes.
+"""LocalCentral: the real central inside your own process, for tests without sockets or processes.
 
-::
+Example::
 
     with LocalCentral(stepped=True) as central:
         planner = Module("gait planner", central=central)
@@ -10,8 +9,6 @@ processes.
             user.command(MOVE_LEG, leg_move, delay=60)
             central.advance(60)
             assert central.transcript() == expected
-
-``LocalCentral(check=...)`` is for tests of central itself.
 """
 
 import itertools
@@ -37,7 +34,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 
 _QUIET_WITHIN = 5.0  # seconds of real time
-_TURN = 1.0  # seconds of real time after which a handler that does not wait for central no longer holds the others up
+_TURN = 1.0  # seconds of real time after which a handler that does not pause delays no others
 
 _BEFORE_ALL = (
     facts.ModuleJoined,
@@ -46,17 +43,36 @@ _BEFORE_ALL = (
     facts.HandlerAdded,
     facts.HandlerRemoved,
 )
-"""Facts of how programs come, which do so at once and in any order."""
+"""Facts of how programs join: they do so at the same time, in any order."""
 
 
 class LocalCentral:
-    """The core of central, used from any thread.
+    """The core of central in the process of a test. Any thread may use it.
 
-    With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a
-    time, from one wait for central to the next. What is due at one moment runs in the order in
-    which modules began, then as their resources were declared: so the same test has the same
-    transcript. With that clock pass delays, deadlines, periods, durations, times that locks wait,
-    ``every``, ``after`` and the sleeps of tasks; ``timeout=`` of other waits takes real seconds.
+    With *stepped*, its clock stands still except in ``advance()``. One handler runs at a time, from
+    one wait for central to the next. Handlers that are due at the same moment run in the order in
+    which their modules started, then in the order of their resources. Therefore the same test has
+    the same transcript. Delays, deadlines, periods, durations, waits for locks, ``every``,
+    ``after`` and the sleeps of tasks use that clock. ``timeout=`` of other waits takes real
+    seconds.
+
+    Args:
+        epoch: the name of this run of central. Default: "local".
+        check: a function that is called with the core of central after every event; for tests of
+            central itself. Default: None.
+        stepped: the test steps the clock. Default: False, the real clock.
+
+    Attributes:
+        entries: the journal.
+        core: the core of central.
+        address: the central's name.
+        is_stepped: whether the test steps the clock.
+
+    Example::
+
+        with LocalCentral(stepped=True) as central, connect("test", central) as user:
+            fetch = user.goal(FETCH, "cup", delay=2.5)
+            central.advance(2.5)
     """
 
     def __init__(
@@ -66,21 +82,18 @@ class LocalCentral:
         check: Callable[[Central], None] | None = None,
         stepped: bool = False,
     ) -> None:
-        """*check* is called with central after every event."""
         self._check = check
         self.is_stepped = stepped
         self.address = f"local central '{epoch}'"
-        self.entries: list[Entry] = []  #: the journal
+        self.entries: list[Entry] = []
         self.core = Central(epoch)
-        self._began = time.monotonic()
+        self._started = time.monotonic()
         self._stepped_to = 0.0
-        self._lock = (
-            threading.RLock()
-        )  # a LaterReply may be dropped, and so collected, at any instruction
+        # Reentrant: a LaterReply may be garbage collected, and answer, at any instruction.
+        self._lock = threading.RLock()
         self._numbers = itertools.count(1)
-        self._connections: dict[
-            ConnectionId, LocalTransport
-        ] = {}  #: on a stepped clock as declared: see Module
+        # On a stepped clock, in the order of declaration: see Module.
+        self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
         self._due = threading.Condition(self._lock)
         self._quiet = threading.Condition(self._lock)
@@ -93,11 +106,11 @@ class LocalCentral:
     # --- time -------------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """Seconds since central began."""
-        return self._stepped_to if self.is_stepped else time.monotonic() - self._began
+        """Return the seconds since central started."""
+        return self._stepped_to if self.is_stepped else time.monotonic() - self._started
 
     def _tick(self) -> None:
-        """Let time pass: due timers fire."""
+        """Fire the timers that are due, in a thread of the real clock."""
         with self._due:
             while not self._is_closed:
                 due, now = self.core.clock.next, self.now()
@@ -113,12 +126,28 @@ class LocalCentral:
         timeout: float = _QUIET_WITHIN,
         ignoring: Collection[Message[Any, Any]] = (),
     ) -> None:
-        """Let so many seconds pass on a stepped clock. Whatever is due meanwhile happens at its own
-        time, and the next only when all is quiet again. Raises what ``until_quiet`` does.
+        """Advance a stepped clock by *seconds*.
+
+        Everything that is due in this period happens at its own time. After each such moment the
+        clock waits until all is quiet.
+
+        Args:
+            seconds: 0 or more.
+            timeout: the most seconds of real time to wait for quiet each time. Default: 5.
+            ignoring: messages whose handlers count as quiet. Default: none.
+
+        Raises:
+            Timeout: a handler is still at work; see ``until_quiet``.
+            MisuseError: the clock is not stepped, or an argument is wrong.
+
+        Example::
+
+            central.advance(0.5)
+            assert not walk.info()
         """
         if not self.is_stepped:
             raise MisuseError(
-                "advance() needs a clock that stands still: make it with LocalCentral(stepped=True)"
+                "advance() needs a stepped clock: make it with LocalCentral(stepped=True)"
             )
         checks.check("advance()", checks.SECONDS, seconds=seconds)
         until = self._stepped_to + seconds
@@ -129,6 +158,7 @@ class LocalCentral:
         self._step_to(until)
 
     def _next_due(self) -> float:
+        """Return when the next timer or callback is due."""
         with self._lock:
             callbacks = min((one.due for one in self._connections.values()), default=math.inf)
             return min(
@@ -136,6 +166,7 @@ class LocalCentral:
             )
 
     def _step_to(self, moment: float) -> None:
+        """Set the clock to a moment, and fire the due timers."""
         with self._lock:
             self._stepped_to = max(self._stepped_to, moment)
             self._handle(Tick(self._stepped_to))
@@ -145,25 +176,38 @@ class LocalCentral:
     def until_quiet(
         self, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()
     ) -> None:
-        """Wait until nothing is left to happen that needs no time: every handler has returned, or
-        waits for central (a reply, a task, a lock) or, in a coroutine or owing its reply, for
-        anything else.
+        """Wait until nothing more can happen without time passing.
 
-        Threads of your own are not waited for. A handler that sleeps, or waits for something that
-        only the test does, is at work: name such messages in *ignoring*. Raises Timeout after
-        *timeout* seconds of real time.
+        Every handler has then returned, or waits for central (a reply, a task, a lock). A coroutine
+        that awaits anything is quiet, and so is a handler that owes its reply. Threads of your own
+        are not waited for. A handler that sleeps by ``time.sleep``, computes, or waits for the test
+        itself is at work: name its message in *ignoring*.
+
+        Args:
+            timeout: the most seconds of real time to wait. Default: 5.
+            ignoring: messages whose handlers count as quiet. Default: none.
+
+        Raises:
+            Timeout: a handler is still at work; the text names it.
+            MisuseError: an argument is wrong.
+
+        Example::
+
+            fetch = user.goal(FETCH, "cup")
+            central.until_quiet()
+            assert fetch.wait(timeout=0) is Outcome.DONE
         """
         checks.check("until_quiet()", checks.DURATION, timeout=timeout)
         checks.check("until_quiet()", checks.MESSAGES, ignoring=ignoring)
         ignored = {message.name for message in ignoring}
         with self._quiet:
-            if not self._quiet.wait_for(lambda: not self._at_work(ignored), timeout):
-                busy = " and ".join(self._at_work(ignored)) or "a timer"
+            if not self._quiet.wait_for(lambda: not self._busy(ignored), timeout):
+                busy = " and ".join(self._busy(ignored)) or "a timer"
                 advice = "let it wait for central, or name its message in ignoring="
                 raise Timeout(f"not quiet within {timeout:g} s: {busy} is at work: {advice}")
 
-    def _at_work(self, ignored: set[str]) -> list[str]:
-        """What has something to do now, in words."""
+    def _busy(self, ignored: set[str]) -> list[str]:
+        """Describe what has something to do now."""
         handled: dict[ConnectionId, list[str]] = {}
         for delivery in self.core.dispatcher.running.values():
             if delivery.slot is not None:
@@ -176,25 +220,27 @@ class LocalCentral:
         due = self.core.clock.next
         return busy + ["a timer"] * (due is not None and due <= self.now())
 
-    def may_take(self, transport: "LocalTransport") -> bool:
-        """Whether the thread of a connection may have what has come for it. The lock is held."""
+    def may_receive(self, transport: "LocalTransport") -> bool:
+        """Whether the thread of a connection may receive its packets now. The lock is held."""
         return (
             not (self.is_stepped and transport.serves)
             or transport.has_turn
             or transport.is_overtime
         )
 
-    def look(self) -> None:
-        """Something has come, or a thread pauses: whose turn is it? The lock is held."""
+    def schedule(self) -> None:
+        """Give the next thread its turn, after a packet has arrived or a thread has paused.
+
+        The lock is held.
+        """
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            min(
-                waiting, key=lambda one: one.packets[0][0] if one.packets else 0
-            ).call()  # of equals, the first
+            # The one whose packet arrived first. A due callback comes before all packets.
+            min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).give_turn()
         self._quiet.notify_all()
 
-    # --- what happened ----------------------------------------------------------------------------
+    # --- the journal ------------------------------------------------------------------------------
 
     @property
     def facts(self) -> list[Fact]:
@@ -203,8 +249,10 @@ class LocalCentral:
             return [fact for entry in self.entries for fact in entry.facts]
 
     def transcript(self) -> str:
-        """What has happened, a line each, as ``tca log show`` says it; on a stepped clock with the
-        time. How modules join and declare is left out.
+        """Return a line for each fact, as ``tca log show`` prints it.
+
+        On a stepped clock a line starts with the time. The joining of modules and their
+        declarations are left out.
         """
         with self._lock:
             entries = self.entries[:]
@@ -222,7 +270,7 @@ class LocalCentral:
     # --- connections ------------------------------------------------------------------------------
 
     def transport(self) -> "LocalTransport":
-        """A new connection."""
+        """Return a new connection, for the library."""
         with self._lock:
             transport = LocalTransport(
                 self, ConnectionId(b"local %d" % next(self._numbers)), self._lock
@@ -231,17 +279,19 @@ class LocalCentral:
             return transport
 
     def restart(self, epoch: str) -> None:
-        """End and begin again with empty memory, as if central had crashed and its journal were
-        lost.
+        """Restart with empty memory, as if central had crashed and lost its journal.
+
+        Args:
+            epoch: the name of the new run.
         """
         with self._lock:
             self.core = Central(epoch)
             for transport in self._connections.values():
                 transport.arrive(pack_item(Closing("restarted")))
-            self.look()
+            self.schedule()
 
     def close(self) -> None:
-        """End, with its thread; waiting programs notice. Twice does no harm."""
+        """End central and its thread. Closing again does nothing."""
         with self._due:
             self._is_closed = True
             self._due.notify()
@@ -254,8 +304,8 @@ class LocalCentral:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def take(self, connection: ConnectionId, packet: bytes) -> bool:
-        """A packet arrives from a connection; whether somebody was there to take it."""
+    def submit(self, connection: ConnectionId, packet: bytes) -> bool:
+        """Handle a packet from a connection. Returns False if central is closed."""
         with self._lock:
             if self._is_closed:
                 return False
@@ -270,44 +320,48 @@ class LocalCentral:
             return True
 
     def cut(self, module: str) -> None:
-        """All connections of a module break, as if the network had failed for a moment."""
+        """Break all connections of a module, as if the network had failed for a moment.
+
+        Args:
+            module: the module's name.
+        """
         with self._lock:
             known = list(self.core.registry.connections.values())
             for connection in [one.id for one in known if one.module.name == module]:
                 self._handle(ConnectionLost(self.now(), connection))
                 if (transport := self._connections.get(connection)) is not None:
-                    transport.arrive(
-                        pack_item(Unknown())
-                    )  # what is said to those who connect again
-            self.look()
+                    transport.arrive(pack_item(Unknown()))  # central's answer to a reconnection
+            self.schedule()
 
-    def closed(self, connection: ConnectionId) -> None:
-        """The far end of a connection is gone."""
+    def disconnect(self, connection: ConnectionId) -> None:
+        """Handle the end of a connection."""
         with self._lock:
             was_open = self._connections.pop(connection, None) is not None
             if was_open and not self._is_closed:
                 self._handle(ConnectionLost(self.now(), connection))
-            self.look()
+            self.schedule()
 
     def _handle(self, event: Event) -> None:
-        self._let_happen(event)
+        """Handle an event, and the timers that are due."""
+        self._apply_event(event)
         while (
             self.is_stepped
             and (due := self.core.clock.next) is not None
             and due <= self._stepped_to
         ):
-            self._let_happen(Tick(self._stepped_to))
-        self._due.notify()  # something may be due sooner than before
-        self.look()
+            self._apply_event(Tick(self._stepped_to))
+        self._due.notify()  # a timer may be due sooner than before
+        self.schedule()
 
-    def _let_happen(self, event: Event) -> None:
-        told: dict[LocalTransport, list[tuple[ToModule, bytes]]] = {}
+    def _apply_event(self, event: Event) -> None:
+        """Handle one event: record its facts, and deliver its messages."""
+        outgoing: dict[LocalTransport, list[tuple[ToModule, bytes]]] = {}
         for effect in self.core.handle(event):
             if isinstance(effect, Record):
                 self.entries.append(effect.entry)
             elif transport := self._connections.get(effect.connection):
-                told.setdefault(transport, []).append((effect.header, effect.body))
-        for transport, items in told.items():
+                outgoing.setdefault(transport, []).append((effect.header, effect.body))
+        for transport, items in outgoing.items():
             for _, packet in packets(items):
                 transport.arrive(packet)
         if self._check is not None:
@@ -321,14 +375,13 @@ class LocalTransport:
         self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
     ) -> None:
         self.id = connection
-        self.serves = ""  #: the module whose messages its thread handles; "": it only sends
+        self.serves = ""  #: the module whose messages its thread handles; "" if it only sends
         self.is_paused = False  #: its thread waits
-        self.has_turn = False  #: its thread was called, and has not paused since
-        self._since = time.monotonic()  #: its thread runs
-        self.packets: deque[tuple[int, bytes]] = (
-            deque()
-        )  #: what has come, numbered in the order of all that comes
-        self.due = math.inf  #: its thread has a callback to call then; of stepped clocks only
+        self.has_turn = False  #: its thread was given a turn, and has not paused since
+        self._since = time.monotonic()  #: when its thread last continued
+        #: The packets that have arrived, with their numbers in the order of all arrivals.
+        self.packets: deque[tuple[int, bytes]] = deque()
+        self.due = math.inf  #: when its thread has a callback to call; on stepped clocks only
         self._central = central
         self._waker = Waker()
         self._lock = lock
@@ -346,114 +399,115 @@ class LocalTransport:
 
     @property
     def is_overtime(self) -> bool:
-        """Whether its thread has not paused for long: others need not wait for that."""
+        """Whether its thread has not paused for long: then other threads do not wait for that."""
         return not self.is_paused and time.monotonic() - self._since > _TURN
 
-    def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002 - central is there at once or never
-        """Hand the packet to central."""
-        return self._central.take(self.id, packet)
+    def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002
+        """Pass the packet to central."""
+        return self._central.submit(self.id, packet)
 
     def arrive(self, packet: bytes) -> None:
-        """A packet comes from central; an empty one only ends a wait. The lock is held."""
+        """Add a packet from central. An empty one only ends a wait. The lock is held."""
         self.packets.append((next(_ARRIVALS), packet))
-        if self._central.may_take(self):
-            self.call()
+        if self._central.may_receive(self):
+            self.give_turn()
 
-    def call(self) -> None:
-        """Let its thread go on. The lock is held."""
-        self._run()
+    def give_turn(self) -> None:
+        """Allow its thread to continue. The lock is held."""
+        self._resume()
         self.has_turn, self.due = True, math.inf
         self._called.notify()
         self._waker.set()
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        """The next packet; None if there is none in time, ``wake`` was called, or it is the moment
-        *alarm*.
+        """Return the next packet.
+
+        None if none arrives in time, if ``wake`` is called, or at the moment *alarm*.
         """
         with self._lock:
             if not self._central.is_stepped:
                 timeout_seconds = min(timeout_seconds, alarm - self._central.now())
-            if timeout_seconds > 0 and not self._may_go_on(alarm):
+            if timeout_seconds > 0 and not self._may_continue(alarm):
                 self.due = alarm if self._central.is_stepped else math.inf
                 self._pause()
-                self._called.wait_for(lambda: self._may_go_on(alarm), timeout_seconds)
-                self._run()
-            while self._has_some():
+                self._called.wait_for(lambda: self._may_continue(alarm), timeout_seconds)
+                self._resume()
+            while self._has_packets():
                 _, packet = self.packets.popleft()
                 if packet:
                     return packet
         return None
 
-    def _may_go_on(self, alarm: float) -> bool:
-        """Whether its thread has something to do, and may. The lock is held."""
-        return self._has_some() or (alarm <= self._central.now() and self._central.may_take(self))
+    def _may_continue(self, alarm: float) -> bool:
+        """Whether its thread has something to do, and may do it. The lock is held."""
+        return self._has_packets() or (
+            alarm <= self._central.now() and self._central.may_receive(self)
+        )
 
-    def _has_some(self) -> bool:
-        return bool(self.packets) and self._central.may_take(self)
+    def _has_packets(self) -> bool:
+        return bool(self.packets) and self._central.may_receive(self)
 
     def _pause(self) -> None:
         self.is_paused, self.has_turn = True, False
-        self._central.look()
+        self._central.schedule()
 
-    def _run(self) -> None:
+    def _resume(self) -> None:
         if self.is_paused:
             self.is_paused, self._since = False, time.monotonic()
 
     def time(self) -> float:
-        """The seconds of the clock on which callbacks are due."""
+        """Return the seconds of the clock on which callbacks are due."""
         return self._central.now()
 
     def seconds_until(self, moment: float) -> float:
-        """The real seconds to wait for a moment of that clock: for ever, if the test steps it."""
+        """Return the real seconds until a moment of that clock; infinite if the test steps it."""
         seconds = moment - self._central.now()
         if not self._central.is_stepped:
             return seconds
         with self._lock:
-            if seconds <= 0 and self._central.may_take(self):
+            if seconds <= 0 and self._central.may_receive(self):
                 return seconds
             self.due = min(self.due, moment)
         return math.inf
 
     @contextmanager
     def pausing(self) -> Iterator[None]:
-        """A wait of its thread for files, of which this is one."""
+        """Mark a wait of its thread for files, of which this connection is one."""
         with self._lock:
             self._pause()
         try:
             yield
         finally:
             with self._lock:
-                self._run()
+                self._resume()
 
     def has_arrived(self) -> bool:
-        """Whether there is a packet to receive, or ``wake`` was called since this was asked
-        last.
-        """
+        """Whether there is a packet to receive, or ``wake`` was called since the last call."""
         is_woken = self._waker.clear()
         with self._lock:
-            return is_woken or self._has_some()
+            return is_woken or self._has_packets()
 
     def fileno(self) -> int:
-        """A file that becomes readable when a packet arrives."""
+        """Return a file that becomes readable when a packet arrives."""
         return self._waker.fileno()
 
     def files(self) -> Collection[int]:
-        """The file that becomes readable when a packet arrives, or ``wake`` is called."""
+        """Return the files that become readable when a packet arrives, or ``wake`` is called."""
         return (self.fileno(),)
 
     def waker(self) -> Waker:
-        """Ends waits from other threads."""
+        """Return the object with which other threads end waits."""
         return self._waker
 
     def wake(self) -> None:
-        """Let ``receive`` return now."""
+        """End the present wait in ``receive``."""
         with self._lock:
             self.arrive(b"")
-            self._central.look()
+            self._central.schedule()
 
     def close(self) -> None:
-        """Central notices if nobody said goodbye."""
-        self._central.closed(self.id)
+        """Close the connection. Central notices that, also without a goodbye."""
+        self._central.disconnect(self.id)
         self._waker.close()
 
 

@@ -1,3 +1,1 @@
-"""Following tasks: the client's mirror of a task's state, its changes as they come, and what a
-client may ask for.
-"""
+"""Following tasks: a local copy of a task's state, its changes, and the requests of clients."""

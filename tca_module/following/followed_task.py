@@ -1,6 +1,4 @@
-"""What a client does with a task beside waiting for its end: follow its state, give it a new goal,
-cancel it.
-"""
+"""The calls of a client on a task, beside waiting for its end: follow, update and cancel it."""
 
 from collections.abc import Callable, Collection
 from typing import Any, Generic, TypeVar, overload
@@ -8,7 +6,7 @@ from typing import Any, Generic, TypeVar, overload
 from tca_module.checks import NAME, TEXT, LateText, check, check_message, quoted
 from tca_module.errors import MisuseError, Refused, Timeout
 from tca_module.following.mirror import C, ChangeCallback, Mirror
-from tca_module.following.observation import News
+from tca_module.following.observation import ObservedChange
 from tca_module.following.stream import Stream
 from tca_module.following.update import PendingUpdate
 from tca_module.link.connection import Connection
@@ -22,25 +20,25 @@ from tca_wire.vocabulary import Party, Refusal
 P = TypeVar("P")
 
 
-def _is_change(news: News) -> bool:
+def _is_change(observed: ObservedChange) -> bool:
     """Whether the task has left its first state."""
-    return news.change.serial != 0
+    return observed.change.serial != 0
 
 
 def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
-    """An intermediate result; as plain values if its message is not declared here."""
+    """Return an intermediate result; plain values if its message is not declared here."""
     return (
         message.progress.decode(data) if isinstance(message, TaskMessage) else decode_untyped(data)
     )
 
 
 def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
-    """The life cycle of a message's tasks; the general one if it is not declared here."""
+    """Return the life cycle of a message's tasks; the general one if it is not declared here."""
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
 def cancels_of(cycle: LifeCycle) -> list[str]:
-    """The transitions by which a client asks for a task's end."""
+    """Return the transitions by which a client asks for a task's end."""
     return [
         row.name
         for row in cycle.transitions
@@ -49,8 +47,9 @@ def cancels_of(cycle: LifeCycle) -> list[str]:
 
 
 def check_states(what: str, message: Message[Any, Any] | None, states: Collection[str]) -> None:
-    """Raise MisuseError for a state that the tasks of a message never have, if it is declared
-    here.
+    """Raise MisuseError for a state that the tasks of a message never have.
+
+    It checks nothing if the message is not declared here.
     """
     cycle = life_cycle_of(message)
     if message is not None and (unknown := sorted(set(states) - set(cycle.states))):
@@ -58,139 +57,193 @@ def check_states(what: str, message: Message[Any, Any] | None, states: Collectio
 
 
 class NamedTask:
-    """A task as a program has it: what its handle provides."""
+    """A task as a program refers to it."""
 
     message: str  #: the name of the message that the task is
     _task_id: TaskId
     _origin: int
 
     @property
-    def _in_words(self) -> str:
-        """The task for people, with its id if that is known: nobody waits for it."""
+    def _description(self) -> str:
+        """The task for people, with its id if that is known. Never waits for the id."""
         return str(self)
 
-    def _doing(self, doing: str) -> LateText:
-        """That something is done to the task, for errors."""
-        return LateText(lambda: f"{doing} {self._in_words}")
+    def _action(self, action: str) -> LateText:
+        """Describe an action on the task, for errors."""
+        return LateText(lambda: f"{action} {self._description}")
 
     def _connection(self) -> Connection:
-        """The connection of the calling thread."""
+        """Return the connection of the calling thread."""
         raise NotImplementedError
 
     def _node(self) -> TaskId:
-        """The task as requests name it: its id may yet be unknown. Raises MisuseError where there
-        is none.
+        """Return the task as requests name it. Its id may not be known yet.
+
+        Raises MisuseError for a message that is no task.
         """
         return self._task_id
 
 
 class FollowedTask(NamedTask, Generic[C]):
-    """A task whose state is followed, once that is asked for: ``state``, ``changes()``,
-    ``update()`` and their like.
+    """A task whose state can be followed: ``state``, ``changes()``, ``update()`` and others.
 
-    Following begins at their first use, or with ``follow()``. Central is then waited for once;
-    later never, and it goes on by itself after a break.
+    Following starts at the first use of these members, or with ``follow()``. Only the first use
+    waits for central. After a broken connection, following continues.
     """
 
     _mirror: Mirror | None = None
     _changes: Stream[C] | None = None
 
-    def _as_change(self, news: News) -> C:
-        """A change as users see it."""
+    def _as_change(self, observed: ObservedChange) -> C:
+        """Return a change as users see it."""
         raise NotImplementedError
 
     # --- following --------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Begin to follow the task now, without waiting: what happens from now on is not missed."""
+        """Start to follow the task now, without waiting. No change from now on is missed."""
         self._followed()
 
     def _followed(self) -> Mirror:
+        """Return the local copy of the task's state. The first call creates it."""
         if self._mirror is None:
-            what = self._doing("the state of")
+            what = self._action("the state of")
             header = Observe(0, self._node(), self.message, origin=self._origin)
             self._mirror = Mirror(self._connection(), header, what)
         return self._mirror
 
     @property
     def state(self) -> str:
-        """The task's state, such as "running". Waits for central the first time only, later
-        never.
+        """The task's state, such as "running". Only the first use waits for central.
+
+        Raises:
+            Timeout: central did not report the state.
+            CentralLost: central does not answer, or has forgotten the task.
         """
         return self._followed().state
 
     @property
     def serial(self) -> int:
-        """The number of changes of the task's state, as far as is known here; -1 if that was never
-        told.
-        """
+        """The number of changes of the task's state that this program knows of; -1 if unknown."""
         mirror = self._followed()
-        mirror.state  # noqa: B018 - it is known with that
+        mirror.state  # noqa: B018 - waits until both are known
         return mirror.serial
 
     def changes(self, timeout: float | None = None) -> Stream[C]:
-        """The changes of the task's state from now on, until its end; first how it stands
-        (``is_late``), if it has left its first state by now. Each is waited for, at most *timeout*
-        seconds: then Timeout is raised.
+        """Return the changes of the task's state from now on, until its end.
 
-        ::
+        The first element is the present state (``is_late``), if the task has left its first state.
+
+        Args:
+            timeout: the most seconds that each step of the iteration waits. Default: None, no
+                bound.
+
+        Returns:
+            A Stream of ``Change``.
+
+        Raises:
+            Timeout: from the iteration: no change came in time.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
 
             for change in sent.changes():
                 print(change.state)
         """
         mirror = self._followed()
         mirror.catch_up()
-        return self._stream(timeout, mirror.as_it_stands())
+        return self._stream(timeout, mirror.snapshot())
 
-    def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
-        what = f"a change of {self._in_words}"
+    def _stream(
+        self, timeout: float | None = None, first: ObservedChange | None = None
+    ) -> Stream[C]:
+        what = f"a change of {self._description}"
         return Stream(self._followed(), self._as_change, _is_change, what, timeout, first=first)
 
     def next_change(self, timeout: float | None = None) -> C | None:
-        """The next change of the task's state that ``state`` and this have not shown; None if there
-        will be none. If nothing has followed the task yet, how it stands, if it has left its first
-        state. Raises Timeout.
+        """Wait for the next change of the task's state, and return it.
+
+        It skips changes that this method has returned. The first call may return the present state,
+        if the task has left its first state.
+
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The ``Change``; None if the task has ended and all its changes were returned.
+
+        Raises:
+            Timeout: no change came in time.
+            CentralLost: central does not answer, or has forgotten the task.
         """
         if self._changes is None:
             self._changes = self._stream()
         return self._changes.receive(timeout)
 
     def wait_for_state(self, *states: str, timeout: float | None = None) -> str:
-        """Wait until the task is, or has been since this was called, in one of these states, or has
-        ended; that state. Raises Timeout.
+        """Wait until the task is in one of the given states, or has ended.
 
-        ::
+        A state that the task has had since the call counts, too.
 
-            if grasp.wait_for_state("running") == "running":
+        Args:
+            states: one or more states, such as "running".
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            That state, or the state in which the task ended.
+
+        Raises:
+            Timeout: the task did not reach a state in time.
+            MisuseError: the task never has one of the *states*, or no state is given.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            if grasp.wait_for_state("running", timeout=5) == "running":
                 grasp.update(Grip("cup"))
         """
         if not states or not all(isinstance(one, str) for one in states):
             raise MisuseError(
                 f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}'
             )
-        check_states(f"wait_for_state(): {self._in_words}", self._declared(), states)
+        check_states(f"wait_for_state(): {self._description}", self._declared(), states)
         mirror = self._followed()
-        came = mirror.unread(lambda news: news.change.state in states or news.change.is_over)
+        reached = mirror.unread(
+            lambda observed: observed.change.state in states or observed.change.is_over
+        )
         mirror.catch_up()
-        if mirror.newest is not None and not came:
-            came.put(mirror.newest)
-        if not mirror.wait(lambda: bool(came), timeout):
+        if mirror.newest is not None and not reached:
+            reached.add(mirror.newest)
+        if not mirror.wait(lambda: bool(reached), timeout):
             mirror.check()
-            what = f"{self._in_words} was not {' or '.join(states)}"
+            what = f"{self._description} was not {' or '.join(states)}"
             raise Timeout(
-                f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True
+                f"{what} within {timeout:g} s, but is {mirror.known_state or 'unknown'}",
+                can_wait=True,
             )
-        return came.take().change.state
+        return reached.pop().change.state
 
     @overload
     def progress(self, kind: None = None, *, timeout: float | None = ...) -> Stream[Any]: ...
     @overload
     def progress(self, kind: type[P], *, timeout: float | None = ...) -> Stream[P]: ...
     def progress(self, kind: Any = None, *, timeout: float | None = None) -> Stream[Any]:
-        """The intermediate results of the task, from the newest on; otherwise like ``changes``.
-        *kind* is their type, for type checkers.
+        """Return the intermediate results of the task, starting with the newest.
 
-        ::
+        Args:
+            kind: the type of the results, for type checkers. Default: None.
+            timeout: the most seconds that each step of the iteration waits. Default: None, no
+                bound.
+
+        Returns:
+            A Stream of results; plain values if the message is not declared here.
+
+        Raises:
+            MisuseError: the message declares another type of results than *kind*.
+            Timeout: from the iteration: no result came in time.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
 
             for feel in grasp.progress(Feel):
                 print(feel.force)
@@ -198,13 +251,14 @@ class FollowedTask(NamedTask, Generic[C]):
         mirror, message = self._followed(), self._declared()
         if kind is not None and isinstance(message, TaskMessage) and message.progress.kind != kind:
             raise MisuseError(
-                f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}"
+                f"the intermediate results of {message.title} are {message.progress}, "
+                f"not {kind!r:.60}"
             )
-        what = f"an intermediate result of {self._in_words}"
+        what = f"an intermediate result of {self._description}"
         mirror.catch_up()
         return Stream(
             mirror,
-            lambda news: decode_progress(message, news.change.data),
+            lambda observed: decode_progress(message, observed.change.data),
             lambda _: mirror.has_progressed,
             what,
             timeout,
@@ -216,57 +270,106 @@ class FollowedTask(NamedTask, Generic[C]):
     @overload
     def on_change(self, function: Callable[[Any, C], object]) -> ChangeCallback[C]: ...
     def on_change(self, function: Callable[..., object]) -> ChangeCallback[C]:
-        """Have a function called with a Sender under the root and each change from now on, or with
-        the change alone:
-        in this thread, one call at a time, while it waits for central or its next message. Errors
-        in it are logged.
+        """Call a function with each change from now on.
+
+        This thread makes the calls, one at a time, while it waits for central or for its next
+        message. Errors in the function are logged.
+
+        Args:
+            function: takes (sender, change), with a Sender under the root, or (change).
+
+        Returns:
+            The ChangeCallback; its ``cancel()`` ends the calls.
+
+        Raises:
+            MisuseError: the function takes other arguments, or is ``async def``.
+
+        Example::
+
+            grasp.on_change(lambda change: print(change.state))
         """
         callback = ChangeCallback("on_change()", self._connection(), function, self._as_change)
-        self._followed().call(lambda news: callback.put(news) if _is_change(news) else None)
+        self._followed().call(lambda seen: callback.put(seen) if _is_change(seen) else None)
         return callback
 
-    # --- asking for something ---------------------------------------------------------------------
+    # --- requests ---------------------------------------------------------------------------------
 
     def update(
         self, goal: Any, *, timeout: float | None = None, message: Message[Any, Any] | None = None
     ) -> None:
-        """Give the running task a new goal, and wait until its handler has taken it over; where
-        that does not say that it takes updates, the task begins anew with it.
+        """Give the running task a new goal, and wait until its handler has accepted it.
 
-        Raises Rejected, with the handler's reason, if it goes on with the old one, or the task ends
-        first; Refused if the task can't be given one in its state; Timeout. Of a task that was only
-        found, give its *message*.
+        A handler that does not declare that it takes updates is called again with the new goal.
+
+        Args:
+            goal: the new data of the task.
+            timeout: the most seconds to wait. Default: None, no bound.
+            message: the task's message, if it is not declared here. Default: None.
+
+        Raises:
+            Rejected: the handler continues with the old goal, for the given reason; or the task
+                ended first.
+            Refused: the task can't get a new goal in its state.
+            Timeout: the handler did not answer in time.
+            BadData: *goal* does not fit the message.
+            MisuseError: the task's life cycle has no updates, or its message is unknown.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            grasping.update(Grip("cup"), timeout=5)
         """
         self.update_send(goal, message=message).wait(timeout)
 
     def update_send(self, goal: Any, *, message: Message[Any, Any] | None = None) -> PendingUpdate:
-        """The same without waiting: ``wait()`` for the handler's word later, or ``await`` it in an
-        async handler.
+        """Give the running task a new goal, and return at once.
+
+        Arguments are those of ``update``.
+
+        Returns:
+            A PendingUpdate: ``wait()`` waits for the handler's answer; an async handler can
+            ``await`` it.
+
+        Raises:
+            Refused: the task can't get a new goal in its state.
+            BadData: *goal* does not fit the message.
+            MisuseError: the task's life cycle has no updates, or its message is unknown.
         """
-        self._know(message)
-        what, cycle = f"the update of {self._in_words}", self._life_cycle
+        self._check_message(message)
+        what, cycle = f"the update of {self._description}", self._life_cycle
         rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
         if not rows:
-            raise MisuseError(f"{what}: {cycle} has none; kill the task and send a new one")
+            raise MisuseError(f"{what}: {cycle} has no updates; kill the task and send a new one")
         body, mirror = self._encoded(goal), self._followed()
-        row = next((row for row in rows if row.source == mirror.known), rows[0])
-        self._check_possible(what, row.name, mirror.known)
+        row = next((row for row in rows if row.source == mirror.known_state), rows[0])
+        self._check_possible(what, row.name, mirror.known_state)
         unread = mirror.unread()
         request = self._connection().send_change(self._change(row.name, ""), body, what)
         return PendingUpdate(what, mirror, unread, request, cycle, row)
 
     def cancel(self, why: str = "") -> None:
-        """Ask for the end of the task, without waiting: its handler decides, and may take its time;
-        where it says nothing of cancels, the task is killed. It is not lost, even while central is
-        away.
+        """Ask the task to end, without waiting.
+
+        Its handler decides, and may need time. If the handler does not take cancels, the task is
+        killed. The request is not lost, even while central is away.
+
+        Args:
+            why: the reason, for people. Default: "".
+
+        Raises:
+            MisuseError: the task's life cycle has no cancel.
+
+        Example::
+
+            walking.cancel("the goal has moved")
+            walking.wait(timeout=10)
         """
-        what, cycle = self._doing("cancelling"), self._life_cycle
+        what, cycle = self._action("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
         if not (names := cancels_of(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
-        header = ChangeState(
-            0, self._node(), names[0], -1, why, self._origin
-        )  # whatever has changed by now
+        # The serial number -1 means: in whatever state the task is by now.
+        header = ChangeState(0, self._node(), names[0], -1, why, self._origin)
         self._connection().send_change(header, b"", str(what))
 
     def take(
@@ -277,26 +380,43 @@ class FollowedTask(NamedTask, Generic[C]):
         why: str = "",
         message: Message[Any, Any] | None = None,
     ) -> bool:
-        """Take a client's transition of the task's own life cycle: ``sent.take("pause")``. *data*
-        is the goal, if the transition has one. Returns False if the task had ended, or the server
-        was first and left no way to it.
+        """Make a client's transition of the task's own life cycle.
 
-        Raises MisuseError for a transition that is no client's, Refused if the task's state has no
-        such way out.
+        Args:
+            transition: the transition's name.
+            data: the goal, if the transition has one. Default: None.
+            why: the reason, for people. Default: "".
+            message: the task's message, if it is not declared here. Default: None.
+
+        Returns:
+            False if the task had ended, or if a transition of the server came first and made this
+            one impossible.
+
+        Raises:
+            MisuseError: the transition is not a client's.
+            Refused: the transition is not possible in the task's state.
+            BadData: *data* does not fit the message.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            sent.take("pause")
         """
-        check(self._doing("take() of"), NAME, transition=transition)
-        what = f"'{transition}' of {self._in_words}"
+        check(self._action("take() of"), NAME, transition=transition)
+        what = f"'{transition}' of {self._description}"
         check(what, TEXT, why=why)
-        self._know(message)
+        self._check_message(message)
         body = self._encoded(data) if data is not None else b""
         self._check_possible(
-            what, transition, self._mirror.known if self._mirror is not None else ""
+            what, transition, self._mirror.known_state if self._mirror is not None else ""
         )
         return bool(self._connection().call(self._change(transition, why), what, body))
 
     def _check_possible(self, what: str, name: str, state: str) -> None:
-        """Raise an error if no client can take that transition, or none in a *state* that is known
-        ("": it is not).
+        """Raise an error if a client can't make that transition, in *state* if that is known.
+
+        Raises MisuseError if no client ever can, Refused if it is impossible in *state*. A *state*
+        of "" is unknown.
         """
         cycle = self._life_cycle
         if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
@@ -317,28 +437,30 @@ class FollowedTask(NamedTask, Generic[C]):
             )
 
     def _change(self, name: str, why: str) -> ChangeState:
-        serial = self._mirror.serial if self._mirror is not None and self._mirror.known else -1
+        serial = (
+            self._mirror.serial if self._mirror is not None and self._mirror.known_state else -1
+        )
         return ChangeState(0, self._node(), name, serial, why, self._origin)
 
     def _encoded(self, goal: Any) -> bytes:
         message = self._declared()
         if message is None:
             raise MisuseError(
-                f"a new goal of {self._in_words}: say of which message it is, with message="
+                f"a new goal of {self._description}: name the task's message, with message="
             )
         return message.encode_data(goal)
 
-    def _know(self, message: Message[Any, Any] | None) -> None:
-        """The task is that *message*, if it is given."""
+    def _check_message(self, message: Message[Any, Any] | None) -> None:
+        """Raise MisuseError if the task is not of that *message*, if given; declare the message."""
         if message is None:
             return
         check_message(message)
         if message.name != self.message:
-            raise MisuseError(f"{self._in_words} is no '{message.name}'")
+            raise MisuseError(f"{self._description} is no '{message.name}'")
         self._connection().declare(message)
 
     def _declared(self) -> Message[Any, Any] | None:
-        """The task's message, if it was declared here."""
+        """Return the task's message, if it is declared here."""
         return self._connection().declared(self.message)
 
     @property

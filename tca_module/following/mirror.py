@@ -1,6 +1,4 @@
-"""A task as a program that follows it knows it: the newest state, and functions to call with each
-change.
-"""
+"""The local copy of a task's state, and functions to call with each change of it."""
 
 from collections.abc import Callable
 from functools import partial
@@ -10,7 +8,7 @@ from msgspec.structs import replace
 
 from tca_module.checks import check_function
 from tca_module.errors import Timeout
-from tca_module.following.observation import News, Observation, is_progress
+from tca_module.following.observation import Observation, ObservedChange, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_wire.packets.changes import Observe
 from tca_wire.vocabulary import Party
@@ -19,36 +17,40 @@ C = TypeVar("C")
 
 
 class Mirror(Observation):
-    """An observation of one task, with its newest state as far as this program has heard."""
+    """An observation of one task, with the newest state that this program has received."""
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         super().__init__(connection, header, what)
         self.serial = -1
-        self.has_ended = False  #: the task
-        self.newest: News | None = None  #: the newest change, or how it stands
-        self.progress: News | None = None  #: the newest intermediate result
-        self.has_progressed = False  #: with the newest change
+        self.has_ended = False  #: whether the task has ended
+        self.newest: ObservedChange | None = None  #: the newest change, or the first state
+        self.progress: ObservedChange | None = None  #: the newest intermediate result
+        self.has_progressed = False  #: whether the newest change brought that result
 
-    def _hear(self, news: News) -> None:
-        self.newest, self.has_ended = news, news.change.is_over
-        self.serial = max(
-            self.serial, news.change.serial
-        )  # of one that had ended central does not know it
-        self._hear_progress(news)
-        super()._hear(news)
+    def _before_readers(self, observed: ObservedChange) -> None:
+        self.newest, self.has_ended = observed, observed.change.is_over
+        # Central sends no serial number for a task that had ended.
+        self.serial = max(self.serial, observed.change.serial)
+        self._update_progress(observed)
+        super()._before_readers(observed)
 
-    def _hear_progress(self, news: News) -> None:
-        """After a break central tells how the task stands, with the intermediate result that may be
-        known already.
+    def _update_progress(self, observed: ObservedChange) -> None:
+        """Store a new intermediate result.
+
+        After a broken connection, central's snapshot may contain one that is known already.
         """
-        change, known = news.change, self.progress.change.data if self.progress is not None else b""
-        self.has_progressed = is_progress(news) and not (change.is_late and change.data == known)
+        change = observed.change
+        known = self.progress.change.data if self.progress is not None else b""
+        self.has_progressed = is_progress(observed) and not (
+            change.is_late and change.data == known
+        )
         if self.has_progressed:
-            self.progress = news
+            self.progress = observed
 
-    def as_it_stands(self) -> News | None:
-        """How the task stands, in the form in which central tells it late; None while it is in its
-        first state.
+    def snapshot(self) -> ObservedChange | None:
+        """Return the task's present state, in the form of central's snapshots.
+
+        None while the task is in its first state.
         """
         if self.newest is None or self.newest.change.serial == 0:
             return None
@@ -60,13 +62,14 @@ class Mirror(Observation):
 
     @property
     def state(self) -> str:
-        """The newest state. Waits for central's word until that has come once. Raises what
-        ``Observation.wait`` does, or Timeout.
+        """The newest state. Waits for central's snapshot the first time.
+
+        Raises what ``Observation.wait`` does, or Timeout.
         """
         self.catch_up()
         if not self.has_ended:
             if not (self.is_complete or self.wait(lambda: self.is_complete, ACKNOWLEDGED_WITHIN)):
-                raise Timeout(f"{self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
+                raise Timeout(f"{self._what} was not reported within {ACKNOWLEDGED_WITHIN:g} s")
             self.check()
         return self._state
 
@@ -75,15 +78,20 @@ class Mirror(Observation):
         return self.newest.change.state if self.newest is not None else ""
 
     @property
-    def known(self) -> str:
-        """The newest state; "" if it was not told yet. Never waits."""
+    def known_state(self) -> str:
+        """The newest state; "" if central has not reported it yet. Never waits."""
         self.catch_up()
         return self._state if self.is_complete else ""
 
 
 class ChangeCallback(Generic[C]):
-    """A function that is called with changes of tasks: in the thread that asked for that, one call
-    at a time, while it waits for central or its next message. Errors in it are logged.
+    """A function that is called with changes of tasks; ``on_change()`` returns it.
+
+    The thread that asked for it makes the calls, one at a time, while it waits for central or for
+    its next message. Errors in the function are logged.
+
+    Attributes:
+        is_over: whether ``cancel()`` has ended the calls.
     """
 
     def __init__(
@@ -91,25 +99,25 @@ class ChangeCallback(Generic[C]):
         what: str,
         connection: Connection,
         function: Callable[..., object],
-        give: Callable[[News], C],
+        convert: Callable[[ObservedChange], C],
     ) -> None:
-        self.is_over = False  #: it is called no more
+        self.is_over = False
         self._arguments = check_function(what, function, "(sender, change) or (change)", (2, 1))
         self._connection = connection
         self._function = function
-        self._give = give
+        self._convert = convert
 
-    def put(self, news: News) -> None:
-        """Something has changed: call the function soon."""
+    def put(self, observed: ObservedChange) -> None:
+        """Schedule a call of the function with a change."""
         if not self.is_over:
-            self._connection.waiting.callbacks.append(partial(self._call, news))
+            self._connection.waiting.callbacks.append(partial(self._call, observed))
 
     def cancel(self) -> None:
-        """Call it no more; from any thread. Twice does no harm."""
+        """End the calls, from any thread. Canceling again does nothing."""
         self.is_over = True
 
-    def _call(self, news: News) -> None:
+    def _call(self, observed: ObservedChange) -> None:
         if not self.is_over:
-            given = (self._connection.root_sender, self._give(news))[-self._arguments :]
+            arguments = (self._connection.root_sender, self._convert(observed))[-self._arguments :]
             name = getattr(self._function, "__qualname__", self._function)
-            self._connection.call_back(partial(self._function, *given), name)
+            self._connection.call_back(partial(self._function, *arguments), name)

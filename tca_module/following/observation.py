@@ -1,8 +1,8 @@
-"""What central tells of tasks' states: in order, each change once, and how many were missed.
+"""The changes of tasks' states, as central reports them: in order, each once, with missed counts.
 
-Central first tells how things stand, then that this is all, then each change. After its restart,
-and after a break that it has noticed, it does so again: tasks of which it does not tell then have
-ended meanwhile.
+Central first sends a snapshot: the present state of each living task. Then it sends each change.
+After its restart, and after a broken connection, it sends a snapshot again. Tasks that are missing
+in it have ended in the meantime.
 """
 
 import weakref
@@ -25,67 +25,67 @@ from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Party, Refusal
 
 MOST_UNREAD = 10_000
-"""Changes that wait to be read; the oldest beyond that count as missed."""
+"""The number of changes that wait to be read; the oldest ones beyond it count as missed."""
 
 _ENDED_UNSEEN = "it ended while this program did not hear central"
 
 _decode = msgspec.msgpack.Decoder(StateChange).decode
 
 
-class News(NamedTuple):
-    """A change of a task's state, as it came."""
+class ObservedChange(NamedTuple):
+    """A change of a task's state, as this program received it."""
 
     change: StateChange
     task: TaskId
     missed: int
-    """The number of changes before it that nobody here has seen."""
+    """The number of changes before it that this program did not receive."""
 
 
-def is_progress(news: News) -> bool:
-    """Whether its data are an intermediate result."""
-    change = news.change
+def is_progress(observed: ObservedChange) -> bool:
+    """Whether the data of a change are an intermediate result."""
+    change = observed.change
     return bool(change.data) and not change.is_over and change.by is not Party.CLIENT
 
 
-Wants = Callable[[News], bool]
+Wants = Callable[[ObservedChange], bool]
 
 
-class Unread:
-    """The news that one reader wants and has not read; none from before it was made."""
+class UnreadChanges:
+    """The wanted changes that a reader has not read yet, from its creation on."""
 
     def __init__(self, wants: Wants) -> None:
         self._wants = wants
-        self._unread: deque[News] = deque()
-        self._dropped: dict[int, int] = {}  #: by task: changes for which there was no room
+        self._unread: deque[ObservedChange] = deque()
+        self._dropped: dict[int, int] = {}  #: by task: the number of dropped changes
 
     def __bool__(self) -> bool:
         return bool(self._unread)
 
-    def put(self, news: News) -> None:
-        """Something has changed."""
-        if not self._wants(news):
+    def add(self, observed: ObservedChange) -> None:
+        """Add a change if the reader wants it. Drops the oldest one if there are too many."""
+        if not self._wants(observed):
             return
-        self._unread.append(news)
+        self._unread.append(observed)
         if len(self._unread) > MOST_UNREAD:
             oldest = self._unread.popleft()
             self._dropped[oldest.task] = self._dropped.get(oldest.task, 0) + oldest.missed + 1
 
-    def begin_with(self, news: News) -> None:
-        """The first one, which came before this was made."""
-        self._unread.append(news)
+    def add_first(self, observed: ObservedChange) -> None:
+        """Add the first change, which arrived before this was created."""
+        self._unread.append(observed)
 
     def clear(self) -> None:
-        """Nobody wants to read them."""
+        """Forget the unread changes."""
         self._unread.clear()
 
-    def take(self) -> News:
-        """The oldest of them."""
-        news = self._unread.popleft()
-        return news._replace(missed=news.missed + self._dropped.pop(news.task, 0))
+    def pop(self) -> ObservedChange:
+        """Remove and return the oldest change. Dropped ones count as missed."""
+        observed = self._unread.popleft()
+        return observed._replace(missed=observed.missed + self._dropped.pop(observed.task, 0))
 
 
-class _Last(NamedTuple):
-    """The newest change of a task, as much of it as may be needed."""
+class _LastChange(NamedTuple):
+    """The part of a task's newest change that may be needed later."""
 
     serial: int
     message: str
@@ -93,204 +93,213 @@ class _Last(NamedTuple):
 
 
 class Observation:
-    """A request for news of some tasks' states, for as long as somebody has this."""
+    """A request for the changes of some tasks' states.
+
+    It ends when it is garbage collected, unless functions are called with the changes.
+    """
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         self.connection = connection
-        self._functions: list[Callable[[News], object]] = []  # get each before its readers do
+        # They are called with a change before the readers get it.
+        self._functions: list[Callable[[ObservedChange], object]] = []
         self._what = what  # for errors
         self._header = header
-        self._readers: weakref.WeakSet[Unread] = weakref.WeakSet()
-        self._is_held = False
-        self._known: dict[int, _Last] = {}  # of living tasks, unless only some states are wanted
-        self._present: set[int] = set()  # tasks of which it has been told how they stand
-        self._round = ("", 0)  # the central, and the request, that tell of these
-        self._is_complete = False  # they have told of all
+        self._readers: weakref.WeakSet[UnreadChanges] = weakref.WeakSet()
+        self._calls_functions = False
+        # The newest changes of living tasks; empty if only some states are observed.
+        self._known: dict[int, _LastChange] = {}
+        self._in_snapshot: set[int] = set()  # the tasks in the present snapshot
+        self._snapshot_source = ("", 0)  # the epoch, and the request, of the present snapshot
+        self._has_snapshot = False  # a snapshot has arrived whole
         self._is_given_up = False
-        self.request = self._ask()  #: as it stands
+        self.request = self._send_request()  #: the present one
 
-    def _ask(self) -> Request:
+    def _send_request(self) -> Request:
         request = self.connection.request(self._header, wants_answer=True)
-        abandon, me = self.connection.abandon, weakref.ref(self)
+        abandon, reference = self.connection.abandon, weakref.ref(self)
 
-        def tell() -> None:
-            if (observation := me()) is not None:
-                observation._take_in()  # noqa: SLF001
+        # It holds no strong reference, so that an unused observation is collected.
+        def on_answer() -> None:
+            if (observation := reference()) is not None:
+                observation._process_answers()  # noqa: SLF001
             elif not request.is_over:
                 abandon(request)
 
-        request.notify = self._take_in if self._is_held else tell
+        request.notify = self._process_answers if self._calls_functions else on_answer
         return request
 
-    def call(self, function: Callable[[News], object]) -> None:
-        """Call a function with all news from now on, until the end or ``close()``, also if nobody
-        has this.
-        """
+    def call(self, function: Callable[[ObservedChange], object]) -> None:
+        """Call a function with all changes from now on, until the end or ``close()``."""
         self._functions.append(function)
-        self._is_held = True
-        self.request.notify = self._take_in
+        self._calls_functions = True
+        self.request.notify = self._process_answers
 
     # --- reading ----------------------------------------------------------------------------------
 
     @property
     def is_complete(self) -> bool:
-        """Whether it is known how things stand."""
-        return self._is_complete or self.is_over
+        """Whether the present states of all observed tasks are known."""
+        return self._has_snapshot or self.is_over
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether no more changes will arrive."""
         return self.request.is_over and not self.request.answers
 
-    def unread(self, wants: Wants = lambda _: True) -> Unread:
-        """A place for news from now on."""
-        unread = Unread(wants)
+    def unread(self, wants: Wants = lambda _: True) -> UnreadChanges:
+        """Return a place for the wanted changes from now on."""
+        unread = UnreadChanges(wants)
         self._readers.add(unread)
         return unread
 
-    def forget(self, reader: Unread) -> None:
-        """Somebody reads no more."""
+    def remove_reader(self, reader: UnreadChanges) -> None:
+        """Add no more changes for this reader."""
         self._readers.discard(reader)
         reader.clear()
 
     def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_there*, or nothing more can come; whether it is. Raises what
-        ``Connection.wait`` does.
+        """Wait until *is_there* returns true, or no more can arrive. Returns its value.
+
+        Raises what ``Connection.wait`` does.
         """
         self.catch_up()
         if not is_there():
             try:
                 self.connection.wait(
-                    self.request, timeout, self._what, lambda: self._settles(is_there)
+                    self.request, timeout, self._what, lambda: self._is_settled(is_there)
                 )
             except BaseException as error:
                 self._on_error(error)
                 raise
-        self._call()
+        self._call_functions()
         return is_there()
 
     def until(self, is_there: Callable[[], bool]) -> Generator[Any, None, bool]:
-        """The same for coroutines, which await it; ``asyncio.timeout`` limits the wait."""
+        """Do the same for a coroutine, which awaits it; ``asyncio.timeout`` limits the wait."""
         self.catch_up()
         if not is_there():
             try:
                 yield from self.connection.until_over(
-                    self.request, self._what, lambda: self._settles(is_there)
+                    self.request, self._what, lambda: self._is_settled(is_there)
                 )
             except Deadlock as error:
                 self._on_error(error)
                 raise
             except CentralLost:
-                self._have_been_told()
+                self._discard_lost_send()
                 raise
-        self._call()
+        self._call_functions()
         return is_there()
 
-    def hear_end(self) -> None:
-        """All that it is about has ended, and central tells that at the same time: functions are
-        called with it before the caller goes on.
+    def receive_end(self) -> None:
+        """Receive the end of all observed tasks, which central reports at this time.
+
+        Functions are called with it before the caller continues.
         """
-        if self._is_held:
+        if self._calls_functions:
             self.connection.hear_out(self.request)
 
-    def _call(self) -> None:
-        """Functions are called with what has come before the caller goes on, who knows it, too."""
-        if self._is_held:
+    def _call_functions(self) -> None:
+        """Call functions with the changes that the caller knows, before it continues."""
+        if self._calls_functions:
             self.connection.attend()
 
     def _on_error(self, error: BaseException) -> None:
-        """A wait has ended with an error: it has given the request up, or central has, because it
-        could never end. So it begins anew: now, if functions are called, else when somebody looks.
+        """Send the request again after a wait that ended with an error.
+
+        The wait has given the request up, or central has, since it could never end. The new request
+        is sent at once if functions are called, otherwise at the next use.
         """
         self._is_given_up = not self.request.is_over or isinstance(error, Deadlock)
-        if self._is_given_up and self._is_held:
+        if self._is_given_up and self._calls_functions:
             with suppress(CentralLost):
-                self._is_given_up, self.request = False, self._ask()
+                self._is_given_up, self.request = False, self._send_request()
         if isinstance(error, CentralLost):
-            self._have_been_told()
+            self._discard_lost_send()
 
-    def _have_been_told(self) -> None:
-        """The user hears that the task was lost with central: the end of the program need not say
-        it.
-        """
+    def _discard_lost_send(self) -> None:
+        """Drop the report that the task was lost: the user gets it as an error now."""
         if isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 
-    def _settles(self, is_there: Callable[[], bool]) -> bool:
-        self._take_in()
+    def _is_settled(self, is_there: Callable[[], bool]) -> bool:
+        self._process_answers()
         return is_there() or self.is_over
 
     def catch_up(self) -> None:
-        """Take in what has arrived; begin anew if a wait has given the request up. Never waits."""
+        """Process what has arrived. Sends the request again if it was given up. Never waits."""
         if self._is_given_up:
-            self._is_given_up, self.request = False, self._ask()
+            self._is_given_up, self.request = False, self._send_request()
         self.connection.catch_up()
-        self._take_in()
+        self._process_answers()
 
     def nudge(self) -> None:
-        """Let a coroutine that waits look again."""
+        """Wake a coroutine that waits, so that it checks again."""
         if self.request.wakes is not None:
             self.request.wakes()
 
     def check(self) -> None:
-        """Raise the error that the request came to, if any."""
+        """Raise the error that the request ended with, if any."""
         self.request.check(self._what)
 
     def close(self) -> None:
-        """Want no more news."""
+        """End the observation."""
         if not self.request.is_over:
             self.connection.abandon(self.request)
         self.request.is_over, self._is_given_up = True, False
         self.request.notify = None
         self.request.answers.clear()
 
-    # --- what comes -------------------------------------------------------------------------------
+    # --- answers of central -----------------------------------------------------------------------
 
-    def _take_in(self) -> None:
+    def _process_answers(self) -> None:
         while self.request.answers:
             answer, body = self.request.answers.popleft()
             if body:
                 self._on_change(_decode(body))
             elif answer.more:
-                self._on_all_told()
+                self._on_snapshot_end()
         refused = self.request.refused
-        is_refused_wait = (
-            refused is not None and refused.refusal is Refusal.DEADLOCK
-        )  # who waits hears it
-        if self._is_held and self.request.has_failed and not is_refused_wait:
-            self._is_held = False
+        # A refused wait is an error of the waiting caller only.
+        is_refused_wait = refused is not None and refused.refusal is Refusal.DEADLOCK
+        if self._calls_functions and self.request.has_failed and not is_refused_wait:
+            self._calls_functions = False
             try:
                 self.check()
-            except (CentralLost, Refused) as error:  # nobody waits, who could be told
-                self.connection.log.error("%s; functions are not called with it any more", error)  # noqa: TRY400
+            except (CentralLost, Refused) as error:  # logged: no caller could catch it
+                text = f"{error}; functions are not called with it any more"
+                self.connection.log.error("%s", text)  # noqa: TRY400
 
     def _on_change(self, change: StateChange) -> None:
         if change.is_late:
-            self._begin_round()
-            self._present.add(change.task)
+            self._start_snapshot()
+            self._in_snapshot.add(change.task)
         known = self._known.get(change.task)
         if known is not None and 0 <= change.serial <= known.serial:
-            return  # it has been seen, or is older than what has
+            return  # received before, or older than the newest change
         if change.is_over:
             self._known.pop(change.task, None)
         elif not self._header.states:
-            self._known[change.task] = _Last(change.serial, change.message, change.goal)
+            self._known[change.task] = _LastChange(change.serial, change.message, change.goal)
         self._publish(change, max(0, change.serial - known.serial - 1) if known is not None else 0)
 
-    def _begin_round(self) -> None:
-        """Central tells how things stand, if it does not already."""
+    def _start_snapshot(self) -> None:
+        """Start a snapshot, unless it has started: it has its central and its request."""
         epoch, number = self.connection.session.epoch, self.request.header.number
-        if (epoch, number) != self._round:
-            if epoch != self._round[0]:
-                self._forget(list(self._known), "central was restarted and has forgotten it")
-            self._round, self._present = (epoch, number), set()
+        if (epoch, number) != self._snapshot_source:
+            if epoch != self._snapshot_source[0]:
+                self._publish_ends(list(self._known), "central was restarted and has forgotten it")
+            self._snapshot_source, self._in_snapshot = (epoch, number), set()
 
-    def _on_all_told(self) -> None:
-        self._begin_round()
-        self._forget([task for task in self._known if task not in self._present], _ENDED_UNSEEN)
-        self._present, self._is_complete = set(), True
+    def _on_snapshot_end(self) -> None:
+        self._start_snapshot()
+        self._publish_ends(
+            [task for task in self._known if task not in self._in_snapshot], _ENDED_UNSEEN
+        )
+        self._in_snapshot, self._has_snapshot = set(), True
 
-    def _forget(self, tasks: list[int], why: str) -> None:
+    def _publish_ends(self, tasks: list[int], why: str) -> None:
+        """Publish the ends of tasks that ended unseen."""
         for task in tasks:
             _, message, goal = self._known.pop(task)
             end = StateChange(
@@ -308,16 +317,18 @@ class Observation:
             self._publish(end, 1)
 
     def _publish(self, change: StateChange, missed: int) -> None:
-        news = News(
+        observed = ObservedChange(
             change,
-            with_epoch(change.task, self._round[0], numbered(change.message, change.task)),
+            with_epoch(
+                change.task, self._snapshot_source[0], numbered(change.message, change.task)
+            ),
             missed,
         )
-        self._hear(news)
+        self._before_readers(observed)
         for reader in list(self._readers):
-            reader.put(news)
+            reader.add(observed)
 
-    def _hear(self, news: News) -> None:
-        """News, before its readers get it."""
+    def _before_readers(self, observed: ObservedChange) -> None:
+        """Call the functions with a change, before its readers get it."""
         for function in list(self._functions):
-            function(news)
+            function(observed)

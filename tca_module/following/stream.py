@@ -1,4 +1,4 @@
-"""Changes of tasks as they come: iterated over, by plain code or by coroutines."""
+"""Changes of tasks as they arrive, to iterate over: in plain code or in a coroutine."""
 
 import types
 from collections.abc import AsyncIterator, Callable, Generator, Iterator
@@ -6,54 +6,73 @@ from typing import Any, Generic, Self, TypeVar
 
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import Timeout
-from tca_module.following.observation import News, Observation, Wants
+from tca_module.following.observation import Observation, ObservedChange, Wants
 
 T = TypeVar("T")
 
 
 class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
-    """Changes, or intermediate results, as they come. ``for`` waits for each; in async handlers
-    ``async for`` does, and ``asyncio.timeout`` limits its wait.
+    """Changes or intermediate results, to iterate over as they arrive.
 
-    It ends with the task that it is about, or below which it observes. At most 10,000 wait to be
-    read: the oldest beyond that are dropped, and counted in ``missed`` of the next.
+    ``for`` waits for each one. In an async handler use ``async for``; ``asyncio.timeout`` limits
+    its wait. The stream ends with the task that it is about, or below which it observes. At most
+    10,000 changes wait to be read. The oldest ones beyond that are dropped, and counted in
+    ``missed`` of the next one.
+
+    Example::
+
+        with sent.changes(timeout=10) as changes:
+            for change in changes:
+                print(change.state)
     """
 
     def __init__(
         self,
         observation: Observation,
-        give: Callable[[News], T],
+        convert: Callable[[ObservedChange], T],
         wants: Wants,
         what: str,
         timeout: float | None,
         *,
         is_owner: bool = False,
-        first: News | None = None,
+        first: ObservedChange | None = None,
     ) -> None:
-        """*first*: came before this was made. The end of its owner ends the observation."""
+        """*first* arrived before this was created. The end of an owner ends the observation."""
         check(what, TIMEOUT, timeout=timeout)
         self._observation = observation
-        self._give = give
+        self._convert = convert
         self._what = what
         self._timeout = timeout
         self._is_owner = is_owner
         self._is_closed = False
         self._unread = observation.unread(wants)
         if first is not None:
-            self._unread.begin_with(first)
+            self._unread.add_first(first)
 
     def __next__(self) -> T:
         if not self._has_next(self._timeout):
             raise StopIteration
-        return self._give(self._unread.take())
+        return self._convert(self._unread.pop())
 
     def receive(self, timeout: float | None = None) -> T | None:
-        """The next one; None if none will come. Raises Timeout after so many seconds."""
+        """Wait for the next element, and return it.
+
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The element; None if the stream has ended.
+
+        Raises:
+            Timeout: none arrived in time.
+            CentralLost: central does not answer, or has forgotten the task.
+            Deadlock, TaskKilled, Stopped: in a handler, as for ``TaskRef.wait``.
+        """
         check(self._what, TIMEOUT, timeout=timeout)
-        return self._give(self._unread.take()) if self._has_next(timeout) else None
+        return self._convert(self._unread.pop()) if self._has_next(timeout) else None
 
     def _has_next(self, timeout: float | None) -> bool:
-        """Wait for the next one; False if none will come."""
+        """Wait for the next element. False if none will arrive."""
         if self._is_closed:
             return False
         if self._observation.wait(self._has_some, timeout):
@@ -65,27 +84,29 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
     async def __anext__(self) -> T:
         if self._is_closed or not await awaited(self._observation.until(self._has_some)):
             raise StopAsyncIteration
-        return self._give(self._unread.take())
+        return self._convert(self._unread.pop())
 
     def _has_some(self) -> bool:
         return bool(self._unread)
 
     def arrived(self) -> list[T]:
-        """Those that have come by now. Never waits. Raises what a wait does if none will ever
-        come.
+        """Return the elements that have arrived by now. Never waits.
+
+        Raises:
+            Refused, CentralLost: none has arrived or will arrive: the observation failed.
         """
         self._observation.catch_up()
-        found = []
+        elements = []
         while self._unread:
-            found.append(self._give(self._unread.take()))
-        if not found and not self._is_closed:
+            elements.append(self._convert(self._unread.pop()))
+        if not elements and not self._is_closed:
             self._observation.check()
-        return found
+        return elements
 
     def close(self) -> None:
-        """Want no more; twice does no harm. The end of a ``with`` block does it."""
+        """End the stream, as the end of a ``with`` block does. Closing again does nothing."""
         self._is_closed = True
-        self._observation.forget(self._unread)
+        self._observation.remove_reader(self._unread)
         if self._is_owner:
             self._observation.close()
 
@@ -98,5 +119,5 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
 
 @types.coroutine
 def awaited(waiting: Generator[Any, None, T]) -> Generator[Any, None, T]:
-    """A wait of a connection's, for coroutines."""
+    """Await a wait of a connection."""
     return (yield from waiting)

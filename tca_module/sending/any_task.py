@@ -1,6 +1,7 @@
 """The wait for the first of several tasks to end."""
-# ruff: noqa: SLF001 - a wait for many tasks is made of those for each
+# ruff: noqa: SLF001 - a wait for many tasks consists of waits for each
 
+import math
 from collections.abc import Callable, Sequence
 
 from tca_module import checks
@@ -13,7 +14,7 @@ from tca_module.sending.task_ref import TaskRef
 from tca_module.session.request import Request
 
 _CALL = "wait_for_any()"
-_PERIOD = 0.05  # seconds between two questions whether to go on waiting
+_PERIOD = 0.05  # seconds between two calls of *until*
 
 
 def wait_for_any(
@@ -22,11 +23,31 @@ def wait_for_any(
     *,
     until: Callable[[], object] | None = None,
 ) -> list[TaskRef]:
-    """Wait until at least one of the tasks has ended; those that have.
+    """Wait until at least one of the tasks has ended, and return those that have.
 
-    [] if none has after *timeout* seconds, or when *until*, which is asked 20 times a second, gives
-    something true. A task that failed is no error here: its ``result()`` raises it, without
-    waiting.
+    A task that failed raises no error here. Its ``result()`` raises it, without waiting.
+
+    Args:
+        tasks: one or more tasks of one client, module or handler.
+        timeout: the most seconds to wait. Default: None, no bound.
+        until: a function that is called 20 times a second; the wait ends when it returns a true
+            value. Default: None.
+
+    Returns:
+        The tasks that have ended; [] after *timeout*, or if *until* ended the wait.
+
+    Raises:
+        MisuseError: *tasks* is empty, or the tasks belong to different senders.
+        Deadlock: in a handler: the wait would never end.
+        CentralLost: central does not answer.
+        TaskKilled: in a handler: its task was killed.
+        Stopped: in a handler: its module ends.
+
+    Example::
+
+        moves = [task.command(MOVE, arm) for arm in arms]
+        for move in wait_for_any(moves, timeout=10):
+            print(move, "has ended:", move.wait())
     """
     return first_ended(tasks, timeout, until, brief=is_brief(_CALL, timeout) or until is not None)
 
@@ -38,8 +59,9 @@ def first_ended(
     *,
     brief: bool,
 ) -> list[TaskRef]:
-    """``wait_for_any``. *brief*: other things may end the wait, or time soon does: it is no
-    deadlock.
+    """Do the work of ``wait_for_any``. A *brief* wait counts as no deadlock.
+
+    It is brief if its timeout is short, or if something else may end it.
     """
     check(_CALL, checks.TIMEOUT, timeout=timeout)
     if not tasks or not all(isinstance(task, TaskRef) for task in tasks):
@@ -51,19 +73,19 @@ def first_ended(
     connection = tasks[0]._connection()
     if any(task._connection() is not connection for task in tasks):
         raise MisuseError(f"{_CALL}: all tasks must be those of one client, module or handler")
-    asked = {task: task._ask(task.achieving.end, blocking=False) for task in tasks}
+    requests = {task: task._request_point(task.achieving.end, blocking=False) for task in tasks}
     try:
         what = LateText(lambda: f"the wait for {' or '.join(map(str, tasks))}")
-        _wait(connection, list(asked.values()), timeout, until, what, brief=brief)
+        _wait(connection, list(requests.values()), timeout, until, what, brief=brief)
     finally:
-        for request in asked.values():
+        for request in requests.values():
             if not request.is_over:
                 connection.abandon(request)
-    heard = [task for task, request in asked.items() if request.is_over]
-    for task in heard:
-        asked[task].check(f"the wait for {task}")
-        task._end = asked[task].answers[-1]
-    return heard
+    ended = [task for task, request in requests.items() if request.is_over]
+    for task in ended:
+        requests[task].check(f"the wait for {task}")
+        task._end = requests[task].answers[-1]
+    return ended
 
 
 def _wait(
@@ -75,19 +97,21 @@ def _wait(
     *,
     brief: bool,
 ) -> None:
-    """Wait until one of the requests is over, or *until* says that it is enough."""
+    """Wait until one of the requests is over, *until* returns a true value, or time is over."""
 
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
-    told, began = ToldWait(connection, [] if timeout == 0 else requests, brief), connection.now()
-    since = now = began
+    wait, started = ToldWait(connection, [] if timeout == 0 else requests, brief), connection.now()
+    since = now = started
+    longest_step = math.inf if until is None else _PERIOD
     while not is_over() and not (until is not None and until()):
-        left = None if timeout is None else max(0.0, began + timeout - now)
-        step = left if until is None else _PERIOD if left is None else min(_PERIOD, left)
-        connection.wait(requests[0], step, what, is_over, since, told)
+        left = math.inf if timeout is None else max(0.0, started + timeout - now)
+        step = min(left, longest_step)
+        connection.wait(requests[0], None if step == math.inf else step, what, is_over, since, wait)
         before, now = now, connection.now()
         if now - before > _PERIOD + STALL and until is not None:
-            since = now  # this process stood still: blame nobody
+            # This process stood still, so central's silence counts from now on.
+            since = now
         if left == 0.0:
             return

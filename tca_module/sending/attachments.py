@@ -1,6 +1,4 @@
-"""Exception handlers and wiretaps that were attached, and exception handlers that are to be
-attached to a new task.
-"""
+"""Exception handlers and wiretaps that were attached, and recoveries for a task being sent."""
 
 from typing import Any
 
@@ -16,8 +14,10 @@ from tca_wire.packets.parts import Attachment
 
 
 class AttachmentRef:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away. That of a
-    message or of the root is attached anew when central was restarted.
+    """An exception handler or wiretap that was attached; ``remove()`` removes it.
+
+    After a restart of central, the library reattaches what was attached to messages and to the
+    root.
     """
 
     def __init__(
@@ -25,22 +25,26 @@ class AttachmentRef:
     ) -> None:
         self._connection = connection
         self._attachments = connection.session.attachments
-        self._standing = self._attachments.of(header)
-        self._number = number  # of an attachment to a task
+        self._lasting = self._attachments.of(header)
+        self._number = number  # of an attachment to a task; the lasting ones know their own
         self._origin = header.origin
 
     @property
     def id(self) -> int:
-        """Its number, as in ``tca attached``; it changes when central is restarted."""
-        return self._standing.number if self._standing is not None else self._number
+        """Its number, as in ``tca attached``. It changes when central is restarted."""
+        return self._lasting.number if self._lasting is not None else self._number
 
     def remove(self) -> None:
-        """Take it away for good, unless another module wants it too. Messages that it has sent
-        stay.
+        """Remove it for good, unless another module has attached it, too.
+
+        Messages that it has sent stay.
+
+        Raises:
+            CentralLost: central does not answer.
         """
         connection = self._connection
-        if self._standing is not None:
-            self._attachments.forget(self._standing, connection.session.epoch)
+        if self._lasting is not None:
+            self._attachments.forget(self._lasting, connection.session.epoch)
         try:
             origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
             connection.call(headers.Remove(0, self.id, origin=origin), f"removing {self.id}")
@@ -50,9 +54,19 @@ class AttachmentRef:
 
 
 class Recovery:
-    """An exception handler of a task that is being sent: ``on_failure=[Recovery(COLLISION,
-    RAISE_LEG, maximum=2)]``. It takes what ``on_failure()`` of a handle takes. Raises MisuseError
-    if handler and failure do not fit.
+    """An exception handler of a task that is being sent, for the option ``on_failure=``.
+
+    Args:
+        failure: the failure that it handles; None for any failure.
+        handler: the ExceptionHandler.
+        maximum: how often it may be called for the task. Default: None, any number.
+
+    Raises:
+        MisuseError: *handler* cannot accept the data of *failure*.
+
+    Example::
+
+        task.command(MOVE_LEG, 3, on_failure=[Recovery(COLLISION, RAISE_LEG, maximum=2)])
     """
 
     __slots__ = ("attachment", "handler")

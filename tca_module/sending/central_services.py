@@ -1,4 +1,4 @@
-"""What a Sender asks of central itself: variables, locks, and the directory."""
+"""The requests of a Sender to central itself: variables, locks and the directory."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -34,17 +34,15 @@ X = TypeVar("X")
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 _NO_DEFAULT: Any = object()
-_DECLARED_WITHIN = (
-    0.2  # seconds that central may take to know a message, where the sender would wait for less
-)
-_WHY_WITHIN = 0.2  # seconds that central may take to name the missing handlers after a timeout
+_DECLARED_WITHIN = 0.2  # the least seconds for a declaration, if the caller's timeout is shorter
+_WHY_WITHIN = 0.2  # seconds for central to name the missing handlers after a timeout
 
 MOST_SENT = 10_000
-"""Tasks that a Sender knows to have sent: the newest."""
+"""The number of tasks that a Sender remembers to have sent."""
 
 
 class CentralServices:
-    """The base of a Sender: its place in the tree, and what it asks of central and no module."""
+    """The base of a Sender: its place in the task tree, and its requests to central itself."""
 
     def __init__(
         self,
@@ -54,64 +52,76 @@ class CentralServices:
         is_shared: bool = False,
         connection: Callable[[], Connection] | None = None,
     ) -> None:
-        """*is_shared*: others send under the same *parent*, as everybody does under the root.
-        *connection* gives that of the calling thread, unless a class has one of its own.
-        """
+        # Returns the connection of the calling thread, unless a subclass has its own way.
         self._given_connection = connection
         self._parent = parent
         self._origin = origin
+        # Whether others send under the same parent, too, as under the root.
         self._is_shared = is_shared or parent == ROOT
 
     @cached_property
     def _ordering(self) -> SiblingOrder:
-        """Made when it is first needed: most handlers send no tasks."""
+        """The order of the sent tasks. Created at the first use: most handlers send no tasks."""
         return SiblingOrder(is_shared=self._is_shared)
 
     @cached_property
     def _sent(self) -> deque[tuple[float, str, TaskId]]:
-        """The newest tasks that it has sent, with the times and messages."""
+        """The newest tasks that this Sender has sent: time, message name, id."""
         return deque(maxlen=MOST_SENT)
 
     def _connection(self) -> Connection:
-        """The connection of the calling thread."""
+        """Return the connection of the calling thread."""
         assert self._given_connection is not None
         return self._given_connection()
 
     def _declare(
         self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN
     ) -> Connection:
-        """The connection, with the messages and the parts of monitors among them declared on it."""
+        """Declare messages, and the parts of monitors among them. Return the connection."""
         connection = self._connection()
         if all(map(connection.has_declared, messages)):
             return connection
         parts = [
             part
-            for one in messages
-            if isinstance(one, Monitor)
-            for part in one.parts
+            for message in messages
+            if isinstance(message, Monitor)
+            for part in message.parts
             if part is not None
         ]
         connection.declare(*parts, *messages, within=within)
-        return self._connection()  # which may have lost its central meanwhile
+        return self._connection()  # once more: central may have been restarted in the meantime
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
-        """Declare messages; the seconds left of the *timeout* of the wait that follows. Raises
-        Timeout.
+        """Declare messages; return the seconds left of the *timeout* of the wait that follows.
+
+        Raises Timeout.
         """
         if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
             return timeout
-        began = self._connection().now()
+        started = self._connection().now()
         connection = self._declare(*messages, within=max(timeout, _DECLARED_WITHIN))
-        return max(0.0, timeout - (connection.now() - began))
+        return max(0.0, timeout - (connection.now() - started))
 
     # --- variables --------------------------------------------------------------------------------
 
     def set_variable(self, variable: Variable[D], value: D, *, wait: bool = True) -> None:
-        """Give a variable a new value (TCA 7.7: SetVar). Returns when central has it; with *wait*
-        False at once, for values that come many times a second: one may be lost while central is
-        away.
+        """Set a variable (TCA 7.7: SetVar).
 
-        Raises BadData if *value* does not fit, Refused if all values together would be too large.
+        Args:
+            variable: the Variable.
+            value: the new value.
+            wait: wait until central has the value. With False, the call returns at once, which
+                suits values that change many times a second; one may be lost while central is away.
+                Default: True.
+
+        Raises:
+            BadData: *value* does not fit the variable's type.
+            Refused: the values of all variables together would be too large.
+            CentralLost: central does not answer.
+
+        Example::
+
+            task.set_variable(BATTERY_LEVEL, 0.8)
         """
         check("set_variable()", checks.VARIABLE, variable=variable)
         check("set_variable()", checks.FLAG, wait=wait)
@@ -128,19 +138,35 @@ class CentralServices:
     @overload
     def get_variable(self, variable: Variable[D], default: X) -> D | X: ...
     def get_variable(self, variable: Variable[D], default: Any = _NO_DEFAULT) -> Any:
-        """The newest value of a variable (TCA 7.7: GetVar); if never set *default*, or
-        VariableNotSet is raised.
+        """Return the newest value of a variable (TCA 7.7: GetVar).
+
+        Args:
+            variable: the Variable.
+            default: the value to return if the variable was never set. Without it, VariableNotSet
+                is raised.
+
+        Returns:
+            The value, or *default*.
+
+        Raises:
+            VariableNotSet: the variable was never set, and there is no *default*.
+            CentralLost: central does not answer.
+
+        Example::
+
+            level = task.get_variable(BATTERY_LEVEL, default=1.0)
         """
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        asked = connection.answered(
+        request = connection.answered(
             headers.GetVariable(0, variable.name), f"variable '{variable.name}'"
         )
-        if body := asked.answers[-1][1]:
+        if body := request.answers[-1][1]:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
             raise VariableNotSet(
-                f"variable '{variable.name}' was never set: set it first, watch it, or give a default"
+                f"variable '{variable.name}' was never set: "
+                "set it first, handle it to watch it, or give a default"
             )
         return default
 
@@ -149,16 +175,28 @@ class CentralServices:
     @overload
     def swap_variable(self, variable: Variable[D], value: D, default: X) -> D | X: ...
     def swap_variable(self, variable: Variable[D], value: D, default: Any = None) -> Any:
-        """Set a variable and return its value before, in one step (TCA 7.7: GetSetVar); *default*
-        if it had none.
+        """Set a variable and return its previous value, in one step (TCA 7.7: GetSetVar).
+
+        Args:
+            variable: the Variable.
+            value: the new value.
+            default: the value to return if the variable was never set. Default: None.
+
+        Returns:
+            The previous value, or *default*.
+
+        Raises:
+            BadData: *value* does not fit the variable's type.
+            Refused: the values of all variables together would be too large.
+            CentralLost: central does not answer.
         """
         check("swap_variable()", checks.VARIABLE, variable=variable)
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = headers.SetVariable(0, variable.name, self._origin, swap=True)
-        asked = connection.answered(header, f"exchanging variable '{variable.name}'", body)
-        before = asked.answers[-1][1]
-        return variable.decode_data(before) if before else default
+        request = connection.answered(header, f"exchanging variable '{variable.name}'", body)
+        previous = request.answers[-1][1]
+        return variable.decode_data(previous) if previous else default
 
     # --- resources --------------------------------------------------------------------------------
 
@@ -170,21 +208,36 @@ class CentralServices:
         timeout: float | None = None,
         priority: int = 0,
     ) -> Claim:
-        """Let nobody into a resource, this module neither; returns when nobody is in it (TCA 8.5:
-        LockResource).
+        """Lock a resource: it handles no messages, not even this module's (TCA 8.5: LockResource).
 
-        ::
+        The call returns when the resource is idle. It waits in the resource's queue by *priority*.
+        The end of the ``with`` block, or ``release()``, releases the lock. Otherwise the lock ends
+        with the task that the caller handles and all under it, or with the module.
 
-            with task.lock("sensors"):
-                ...
+        Args:
+            resource: the resource's name.
+            module: the name of the resource's module. Default: None, which suffices if one module
+                has a resource of that name.
+            timeout: the most seconds to wait; 0 succeeds only if the resource is free now. Default:
+                None, no bound.
+            priority: the higher one is first in the resource's queue, -1,000,000 to 1,000,000.
+                Default: 0.
 
-        ``release()`` or the end of a ``with`` block releases it, and raises LockLost if it was
-        taken away before. Otherwise it ends with the task being handled, or with this module.
-        *module* is needed where several modules have a resource of that name. It waits among the
-        resource's messages by *priority*.
+        Returns:
+            The Claim, for a ``with`` block. The end of the block raises LockLost if the lock was
+            taken away before.
 
-        Raises Timeout after *timeout* seconds (0: unless it is free now), Deadlock if it would wait
-        for itself, Refused if there is no such resource.
+        Raises:
+            Timeout: the lock was not granted in time.
+            Deadlock: the wait would never end.
+            Refused: there is no such resource.
+            TaskKilled: in a handler: its task was killed.
+            Stopped: in a handler: its module ends.
+
+        Example::
+
+            with task.lock("camera", timeout=5.0) as claim:
+                scan()
         """
         return self._claim(resource, module, timeout, priority, reserve=False)
 
@@ -196,15 +249,29 @@ class CentralServices:
         timeout: float | None = None,
         priority: int = 0,
     ) -> Claim:
-        """Let in only what this module sends (TCA 8.5: ReserveResource); otherwise like
-        ``lock``.
+        """Reserve a resource: it handles only messages of this module (TCA 8.5: ReserveResource).
+
+        Messages that central sends on behalf of this module count as its own. Arguments, result and
+        errors are those of ``lock``.
         """
         return self._claim(resource, module, timeout, priority, reserve=True)
 
     def unlock(self, resource: str, module: str | None = None) -> bool:
-        """Take a lock or reservation away from its holder; whether there was one (TCA 8.5:
-        ``unlock``). For operators. The holder is told: its handler or client with LockLost, else
-        its task with the failure "lock lost".
+        """Take a lock or reservation away from its holder (TCA 8.5: ``unlock``). For operators.
+
+        The holder is notified: its handler or client gets LockLost; if the handler has returned,
+        the task gets the failure "lock lost".
+
+        Args:
+            resource: the resource's name.
+            module: the name of the resource's module. Default: None, which suffices if one module
+                has a resource of that name.
+
+        Returns:
+            True if the resource was locked or reserved.
+
+        Raises:
+            Refused: there is no such resource.
         """
         check("unlock()", checks.NAME, resource=resource)
         check("unlock()", checks.NAME_OR_NONE, module=module)
@@ -212,17 +279,30 @@ class CentralServices:
         return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
 
     def go_on(self) -> bool:
-        """Let tasks start again after a restart of central, whoever has not come back yet; whether
-        they were held back. For operators: see ``tca central --resume hold``.
+        """Allow tasks to start after a restart of central, before all modules are back.
+
+        For operators. See ``tca central --resume hold``.
+
+        Returns:
+            True if central held tasks back.
         """
         return bool(self._connection().call(headers.GoOn(0), "letting tasks start again"))
 
     # --- attachments ------------------------------------------------------------------------------
 
     def detach(self, number: int) -> bool:
-        """Take away the exception handler or wiretap of that *number* (``tca attached``) whoever
-        wants it, or end that monitor; whether it was still there. For operators. Raises Refused if
-        there has never been that number, or it is a task.
+        """Remove an exception handler or wiretap, or end a monitor, by its number. For operators.
+
+        It is removed for all modules that attached it. ``tca attached`` lists the numbers.
+
+        Args:
+            number: the number, 0 or more.
+
+        Returns:
+            True if it was still there.
+
+        Raises:
+            Refused: the number was never used, or it is that of a task.
         """
         check("detach()", checks.NUMBER, number=number)
         header = headers.Remove(0, number, for_all=True, origin=self._origin)
@@ -237,6 +317,7 @@ class CentralServices:
         *,
         reserve: bool,
     ) -> Claim:
+        """Request a lock or reservation, and wait until it is granted."""
         call = "reserve()" if reserve else "lock()"
         check(call, checks.NAME, resource=resource)
         check(call, checks.NAME_OR_NONE, module=module)
@@ -262,42 +343,65 @@ class CentralServices:
     # --- directory --------------------------------------------------------------------------------
 
     def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
-        asked = self._connection().answered(
+        """Return central's report on a topic, encoded."""
+        request = self._connection().answered(
             headers.Ask(0, topic), f"the question for {topic}", within=within
         )
-        return asked.answers[-1][1]
+        return request.answers[-1][1]
 
     def modules(self) -> list[ModuleInfo]:
-        """The modules that are connected, this one too."""
+        """Return the connected modules, this one included."""
         return msgspec.msgpack.decode(self._ask_central("modules"), type=list[ModuleInfo])
 
     def messages(self) -> list[MessageInfo]:
-        """The messages that are declared, with their formats and handlers."""
+        """Return the declared messages, with their formats and handlers."""
         return self._messages()
 
     def _messages(self, within: float = ACKNOWLEDGED_WITHIN) -> list[MessageInfo]:
         return msgspec.msgpack.decode(self._ask_central("messages", within), type=list[MessageInfo])
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
-        """The handlers of a message, newest first. The newest gets all messages, unless several
-        share a pool.
+        """Return the handlers of a message, newest first.
+
+        The newest handler gets all messages, unless several share a pool.
         """
         self._declare(message)
-        return next(list(one.handled_by) for one in self._messages() if one.name == message.name)
+        return next(
+            list(known.handled_by) for known in self._messages() if known.name == message.name
+        )
 
     def declared(self, name: str) -> Any:
-        """The message or variable of that name, as some module has declared it, with plain values
-        as data and replies. Raises NotDeclared if there is none, MisuseError for a monitor.
+        """Return a message or variable by name, as some module has declared it.
+
+        Its data and replies are plain values (dicts, lists, numbers, texts), checked against the
+        declared format.
+
+        Args:
+            name: the message's name.
+
+        Returns:
+            The message, ready to be sent.
+
+        Raises:
+            NotDeclared: no module has declared the name.
+            MisuseError: it is a monitor, which must be declared in Python.
+
+        Example::
+
+            walk = user.declared("walk")
+            user.goal(walk, {"steps": 3})
         """
         check("declared()", checks.TEXT, name=name)
         known = {message.name: message for message in self._messages()}
         if (found := known.get(name)) is None:
-            advice = did_you_mean(name, known) or "see 'tca messages', and start who declares it"
-            raise NotDeclared(f"nobody has declared a message '{name}': {advice}")
+            advice = did_you_mean(name, known) or (
+                "see 'tca messages', and start the module that declares it"
+            )
+            raise NotDeclared(f"no module has declared a message '{name}': {advice}")
         kind: type[Any] | None = _KINDS.get(found.message_class)
         if kind is None:
             raise MisuseError(
-                f"'{name}' is a {found.message_class}: declare it in Python to have it watch"
+                f"'{name}' is a {found.message_class}: declare it in Python to start it"
             )
         answers: dict[Any, str] = {Command: "result", Query: "reply", MultiQuery: "reply"}
         options: dict[str, Any] = (
@@ -312,14 +416,22 @@ class CentralServices:
     def wait_until_handled(
         self, *messages: Message[Any, Any], timeout: float | None = None
     ) -> None:
-        """Wait until each of the messages is handled. Raises Timeout, naming those that nobody
-        handles.
+        """Wait until each of the messages has a handler.
+
+        Args:
+            messages: one or more messages.
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Raises:
+            Timeout: not all are handled in time; the text names those that are not.
+            Deadlock: in a handler: the wait would never end.
+            CentralLost: central does not answer.
         """
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
         try:
             left = self._declare_within(timeout, *messages)
         except Timeout:
-            why = self._connection().silence or "central had not heard of them yet"
+            why = self._connection().silence or "central did not know these messages yet"
             raise Timeout(
                 f"the wait for handlers was not over within {timeout:g} s: {why}"
             ) from None
@@ -333,16 +445,18 @@ class CentralServices:
             if silence := connection.silence:
                 raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {silence}")
             raise Timeout(
-                f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'"
+                f"{self._unhandled(messages, timeout)}; "
+                "start the module that handles them, see 'tca messages'"
             )
 
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
+        """Describe which of the messages have no handler, for the Timeout."""
         named = {message.name: message.title for message in messages}
         try:
             known = self._messages(_WHY_WITHIN)
         except Timeout:
             return f"not all handled within {timeout:g} s: {', '.join(named.values())}"
-        handled = {one.name for one in known if any(handler.capacity for handler in one.handled_by)}
+        handled = {info.name for info in known if any(one.capacity for one in info.handled_by)}
         missing = [name for name in named if name not in handled]
         return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
 

@@ -1,4 +1,4 @@
-"""Locks and reservations of resources, as those have them that asked for them."""
+"""Locks and reservations of resources, for the program that requested them."""
 
 from typing import Self
 
@@ -9,8 +9,16 @@ from tca_wire.vocabulary import Outcome
 
 
 class Claim:
-    """A lock or reservation. The end of a ``with`` block releases it, and raises LockLost if it had
-    been taken away, unless another error leaves the block.
+    """A lock or reservation of a resource, granted by ``lock()`` or ``reserve()``.
+
+    The end of its ``with`` block releases it. If it had been taken away, the end of the block
+    raises LockLost, unless another error leaves the block.
+
+    Example::
+
+        with task.lock("arm", timeout=5.0) as claim:
+            while claim.held and not is_done():
+                step()
     """
 
     def __init__(self, connection: Connection, header: Lock) -> None:
@@ -20,18 +28,17 @@ class Claim:
             f" of '{header.module}'" * bool(header.module)
         )
         self._request = connection.request(header, wants_answer=True, is_awaited=True)
-        self._is_over = False
+        self._is_released = False
 
     def __repr__(self) -> str:
         return self._what
 
     def wait(self, timeout: float | None) -> None:
-        """Wait until it is granted. Central knows the timeout, and says when it is over."""
+        """Wait until the claim is granted. Central knows the timeout, and answers in time."""
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
-        if (
-            not is_over and not connection.silence
-        ):  # central, which knows when the time is over, is about to say so
+        # Central times the wait, too: its answer, granted or not, is on its way.
+        if not is_over and not connection.silence:
             is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
         if not is_over:
             self._connection.abandon(self._request)
@@ -39,40 +46,49 @@ class Claim:
             raise Timeout(f"{self._what} was not granted within {timeout:g} s, {why}")
         answer, _ = self._request.answers[-1]
         if answer.outcome is not Outcome.DONE:
-            self._is_over = True
+            self._is_released = True
             raise Timeout(f"{self._what} was not granted within {timeout:g} s: {answer.text}")
 
     @property
     def held(self) -> bool:
-        """Whether it still holds, as far as is known here. Never waits: check it before each step
-        that needs it.
+        """Whether the claim still holds, as far as this program knows. Never waits.
+
+        Check it before each step that relies on the claim.
         """
-        return not (self._is_over or self._connection.is_taken(self._request))
+        return not (self._is_released or self._connection.is_taken(self._request))
 
     def release(self) -> None:
-        """Let others in again; twice does no harm. Raises LockLost if it had been taken away,
-        CentralLost if central does not answer; central is then told later.
-        """
-        if not self._end() and self._request.taken:
-            raise self._lost()
+        """Release the claim. Releasing it again does nothing.
 
-    def _lost(self) -> LockLost:
-        how = self._request.taken or "central does not know it any more: the connection was broken"
+        Raises:
+            LockLost: it had been taken away before.
+            CentralLost: central does not answer; central learns of the release later.
+            MisuseError: another thread made the claim.
+        """
+        if not self._release() and self._request.taken:
+            raise self._lost_error()
+
+    def _lost_error(self) -> LockLost:
+        """Return the LockLost for this claim."""
+        reason = self._request.taken or (
+            "central does not know it any more: the connection was broken"
+        )
         return LockLost(
-            f"{self._what} was lost before it was released: {how}; others may have been let in"
+            f"{self._what} was lost before it was released: {reason}; others may have used it"
         )
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if not self._end(at_once=error is not None) and error is None:
-            raise self._lost()
+        if not self._release(at_once=error is not None) and error is None:
+            raise self._lost_error()
 
-    def _end(self, *, at_once: bool = False) -> bool:
-        """Release it; whether it still held, or had been released."""
-        if self._is_over:
+    def _release(self, *, at_once: bool = False) -> bool:
+        """Release the claim. Returns True if it still held, or had been released before."""
+        if self._is_released:
             return True
-        self._connection.check_thread()  # refused in another thread, it can be released in its own
-        self._is_over = True
+        # First, so that a misuse in another thread leaves the claim releasable in its own.
+        self._connection.check_thread()
+        self._is_released = True
         return self._connection.release(self._request, self._what, at_once=at_once)

@@ -1,4 +1,4 @@
-"""Why central sent a message: for a failure, a wiretap or a monitor."""
+"""The context of a message that central itself sent: for a failure, a wiretap or a monitor."""
 
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, overload
@@ -21,61 +21,84 @@ A = TypeVar("A")
 
 @dataclass(repr=False, eq=False)
 class Trouble:
-    """The failure that an exception handler is called for."""
+    """The failure that an exception handler is called for: ``task.trouble``.
 
-    failure: str  #: its name
+    Attributes:
+        failure: the failure's name.
+        text: the failure's explanation.
+        failing: the task on which the failure was raised.
+        attached: the task that the exception handler is attached to; None for the root.
+        attempts: how often the failing task has been handled.
+        invocations: how often this exception handler was called for the task it is attached to.
+    """
+
+    failure: str
     text: str
-    failing: TaskRef  #: the task on which it was raised
-    attached: TaskRef | None  #: the task that the exception handler is attached to; None: the root
-    attempts: int  #: how often the failing task has been handled
-    invocations: int  #: how often this exception handler was called for the task it is attached to
+    failing: TaskRef
+    attached: TaskRef | None
+    attempts: int
+    invocations: int
 
     def __repr__(self) -> str:
         return f"failure '{self.failure}' of {self.failing}"
 
     def resolved(self) -> bool:
-        """Say that the failure has been dealt with: the task is *done after a failure*, and what
-        follows it goes on.
+        """Declare the failure dealt with: the task is *done after a failure*.
 
-        It counts when the task of the exception handler has ended, with all that it has sent. If
-        the handler then fails, is killed, or reissues the failure, that goes on up the tree. An
-        exception handler that neither says this nor retries or kills the failed task, or one above
-        it, has only looked on: the failure goes on up, too.
+        Its successors then continue. The call takes effect when the task of the exception handler
+        has ended, with all that it has sent. If the handler then fails, is killed, or reissues the
+        failure, the failure continues up the tree. The failure also continues if the handler
+        neither calls ``resolved()`` nor retries or kills the failed task or one above it.
 
-        Returns False if the failed task was killed, or is retried: then that counts. Raises Refused
-        ("too late") when the handler has returned.
+        Returns:
+            False if the failed task was killed or is being retried, which overrules this call.
 
-        Example:
-            ::
+        Raises:
+            Refused: "too late": the exception handler has returned.
 
-                @module.handles(DROPPED)
-                def pick_up(task: Task, cup: Cup) -> None:
-                    task.command(PICK_UP, cup)
-                    task.trouble.resolved()
+        Example::
 
+            @module.handles(DROPPED)
+            def pick_up(task: Task, cup: Cup) -> None:
+                task.command(PICK_UP, cup)
+                task.trouble.resolved()
         """
         header = Resolve(0, self.failing._origin)  # noqa: SLF001
         return self.failing._steer(header, f"resolving failure '{self.failure}' of")  # noqa: SLF001
 
     def reissue(self) -> Exception:
-        """The error to raise so that the search goes on above at once: ``raise
-        task.trouble.reissue()`` (ByPassException). It overrules ``resolved()``.
+        """Return the error to raise so that the search for an exception handler continues at once.
+
+        It overrules ``resolved()`` (TCA: ByPassException).
+
+        Example::
+
+            if not can_help(task.trouble.failing):
+                raise task.trouble.reissue()
         """
         return Reissued(f"{self} is reissued")
 
 
 @dataclass(eq=False)
 class TapEvent:
-    """The event that a wiretap's listener was sent for."""
+    """The event for which the listener of a wiretap was sent: ``task.tap_event``.
+
+    Attributes:
+        condition: the wiretap's condition.
+        message: the name of the tapped message.
+        tapped: the tapped task; None if the message is no task.
+    """
 
     condition: Condition
-    message: str  #: the name of the tapped message
-    tapped: TaskRef | None  #: the tapped task; None if the message is none
+    message: str
+    tapped: TaskRef | None
 
 
 class MonitorRef(TaskRef, Generic[D]):
-    """A monitor; *action* is the name of the message that a demon monitor is fired with, "" for any
-    other.
+    """A monitor that was started, or that sent the message being handled.
+
+    Attributes:
+        action: the name of the message that a demon monitor is fired with; "" for other monitors.
     """
 
     def __init__(
@@ -89,12 +112,27 @@ class MonitorRef(TaskRef, Generic[D]):
     @overload
     def fire(self, action: Message[A, Any], data: A) -> bool: ...
     def fire(self, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
-        """Send the *action* of a demon monitor, with these data: the event that it watches for has
-        happened. Any other is fired without: it tests its condition now, and its period starts
-        anew.
+        """Fire the monitor.
 
-        Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises
-        MisuseError for another message than its action.
+        A demon monitor sends its action with *data*: the event that it watches for has happened.
+        Other monitors are fired without arguments: they test their condition now, and the period of
+        a polling monitor starts again.
+
+        Args:
+            action: the action of a demon monitor. Default: None, for other monitors.
+            data: the action's data. Default: None.
+
+        Returns:
+            False if the monitor has ended or does not watch yet.
+
+        Raises:
+            MisuseError: *action* is not the monitor's action.
+            BadData: *data* does not fit the action.
+
+        Example::
+
+            rocks = task.monitor(ROCKS)
+            rocks.fire(STOP_WALKING, rock)
         """
         check_action(LateText(lambda: str(self)), self.action, action)
         name, body = "", b""
@@ -104,30 +142,31 @@ class MonitorRef(TaskRef, Generic[D]):
         return self._steer(Fire(0, self._node(), name, self._origin), "firing", body)
 
     def end(self) -> bool:
-        """End the monitor; the tasks it has sent go on. Returns False if it had ended."""
+        """End the monitor; the tasks that it has sent continue. Returns False if it had ended."""
         return self._steer(EndMonitor(0, self._node(), self._origin), "ending")
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
-    """Raises MisuseError if a monitor is not fired with *action*, but with the message called
-    *wanted*, or none.
+    """Raise MisuseError if a monitor can't be fired with *action*.
+
+    *wanted* is the name of the monitor's action; "" if it is fired without a message.
     """
     if action is None and not wanted:
         return
     if not isinstance(action, Message) or action.name != wanted:
-        says = (
+        advice = (
             f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
         )
         given = action.title if isinstance(action, Message) else repr(action)
-        raise MisuseError(f"{what} can't be fired with {given:.60}: {says}")
+        raise MisuseError(f"{what} can't be fired with {given:.60}: {advice}")
 
 
 def context_of(
     connection: Connection, delivery: Deliver, origin: int
 ) -> "Trouble | TapEvent | MonitorRef[Any] | None":
-    """The context of a delivery, with references to tasks of its central."""
+    """Return the context of a delivery, with references to tasks of its central."""
 
-    def known(involved: parts.Involved) -> tuple[Connection, str, TaskId, int]:
+    def arguments_of(involved: parts.Involved) -> tuple[Connection, str, TaskId, int]:
         message, task = involved.message, involved.task
         return (
             connection,
@@ -137,16 +176,16 @@ def context_of(
         )
 
     def ref(involved: parts.Involved) -> TaskRef | None:
-        return TaskRef(*known(involved)) if involved.task else None
+        return TaskRef(*arguments_of(involved)) if involved.task else None
 
     context = delivery.context
     if isinstance(context, parts.Trouble):
-        failing, attached = TaskRef(*known(context.failing)), ref(context.attached)
+        failing, attached = TaskRef(*arguments_of(context.failing)), ref(context.attached)
         return Trouble(
             context.failure, context.text, failing, attached, context.attempts, context.invocations
         )
     if isinstance(context, parts.Tapped):
         return TapEvent(context.condition, context.tapped.message, ref(context.tapped))
     if isinstance(context, parts.Watching):
-        return MonitorRef(*known(context.monitor), context.action)
+        return MonitorRef(*arguments_of(context.monitor), context.action)
     return None

@@ -1,64 +1,86 @@
-"""Records of the modules, their resources and the handlers of messages, as central tells them."""
+"""Records of modules, their resources and the handlers of messages, as central reports them."""
 
 import msgspec
 
 
 class ResourceInfo(msgspec.Struct, frozen=True):
-    """A part of a module that handles *capacity* messages at a time."""
+    """A resource of a module, as central reports it.
+
+    Attributes:
+        name: the resource's name.
+        capacity: the number of messages that it handles at a time.
+        handling: the ids of the messages that it handles now, as in the journal.
+        waiting: the number of messages that wait for it.
+        locked_by: the module that has locked it; "" if it is not locked.
+        reserved_by: the module that has reserved it; "" if it is not reserved.
+        claims: the number of locks and reservations that wait for it.
+    """
 
     name: str = msgspec.field(name="resource")
     capacity: int
     handling: tuple[int, ...]
-    """The messages that it handles now: ids as in the journal."""
     waiting: int
-    """Number of messages that wait for it."""
     locked_by: str = ""
-    """The module that has locked it, if one has."""
     reserved_by: str = ""
     claims: int = 0
-    """Number of locks and reservations that wait for it."""
 
 
 class ModuleInfo(msgspec.Struct, frozen=True):
-    """A module that is connected, a script too."""
+    """A connected module or script.
+
+    Attributes:
+        name: the name by which central knows it.
+        process: its process, as "host:pid".
+        handles: the names of the messages that it handles.
+        resources: its resources.
+    """
 
     name: str = msgspec.field(name="module")
     process: str
-    """Its process: "host:pid"."""
     handles: tuple[str, ...]
-    """Names of messages."""
     resources: tuple[ResourceInfo, ...]
 
 
 class HandlerInfo(msgspec.Struct, frozen=True):
-    """A module that handles a message."""
+    """A handler of a message.
+
+    Attributes:
+        module: the handler's module.
+        resource: the handler's resource.
+        capacity: the number of messages that the resource handles at a time; 0 while the module is
+            joining or leaving.
+        pool: the pool in which it shares the messages; "" without one.
+        pending: the most messages of this name that may wait for it; 0 for no limit.
+        waiting: the number of messages that wait for its resource.
+        direct: whether senders may at present send to it directly, without central.
+    """
 
     module: str
     resource: str
     capacity: int
-    """Number of messages its resource takes at a time; 0 while the module is about to come or
-    go.
-    """
     pool: str
     pending: int
-    """The most messages of this name that may wait for it (0: no limit)."""
     waiting: int
-    """Number of messages that wait for its resource."""
     direct: bool = False
-    """Whether those who send the message may do so directly, as things are now."""
 
 
 class MessageInfo(msgspec.Struct, frozen=True):
-    """A message that some module has declared."""
+    """A message that some module has declared.
+
+    Attributes:
+        name: the message's name.
+        message_class: its class, such as "goal".
+        data: the format of its data, as a JSON Schema.
+        reply: the format of its reply or result, as a JSON Schema.
+        progress: the format of a task's intermediate results; "" without any.
+        life_cycle: the table of a task's life cycle; "" for the general one.
+        handled_by: its handlers, newest first.
+    """
 
     name: str = msgspec.field(name="message")
     message_class: str = msgspec.field(name="class")
     data: str
-    """The format of its data, as a JSON Schema; and of its reply or result."""
     reply: str
     progress: str
-    """The format of a task's intermediate results ("": it has none)."""
     life_cycle: str
-    """The table of a task's life cycle ("": the general one)."""
     handled_by: tuple[HandlerInfo, ...]
-    """Newest first."""

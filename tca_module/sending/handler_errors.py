@@ -1,4 +1,4 @@
-"""Turns a Python error that ends a handler into a failure."""
+"""Turns the Python error that ends a handler into a failure of its message."""
 
 import asyncio
 import traceback
@@ -24,11 +24,11 @@ _TRACEBACK_LIMIT = 8000  # characters
 
 
 class Misfit(Exception):
-    """A handler's data or result does not fit the declaration."""
+    """A handler's data or result do not fit the declaration."""
 
 
 class Rejection(Exception):
-    """A handler does not begin with its task, or does not do what a client asks for."""
+    """A handler rejects its task before it starts, or rejects a client's request."""
 
 
 class Aborted(TaskKilled):
@@ -36,7 +36,7 @@ class Aborted(TaskKilled):
 
 
 class Reissued(Exception):
-    """An exception handler cannot deal with its failure."""
+    """An exception handler passes its failure on."""
 
 
 _NAMED = (
@@ -50,27 +50,30 @@ _NAMED = (
 
 
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure for an error that ended a handler. One from elsewhere keeps its name; "handler
-    error" is its kind.
+    """Return the failure for an error that ended a handler, with its data.
+
+    A failure that a query or subtask ended with keeps its name, as a kind of "handler error".
     """
-    header, body = _failed(delivery, _sole(error))
+    header, body = _failed(delivery, _unwrapped(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 
 
 def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure "handler error" for an error, whatever its name."""
+    """Return the failure "handler error" for an error of any kind."""
     return Fail(delivery, failures.HANDLER_ERROR, _printable(_describe(error))), b""
 
 
 def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure of a message that was handled when an error ended its module."""
+    """Return the failure of the message being handled when an error ended the module."""
     what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
     return Fail(delivery, failures.MODULE_LOST, _printable(f"its module was ended by {what}")), b""
 
 
 def _printable(text: str) -> str:
-    """Texts of Python may be none: names of files, mostly. Central keeps the beginning and the end
-    of a long one.
+    """Return a text that can be encoded and that central stores whole.
+
+    Texts of Python may contain half characters, mostly in file names. Central stores the start and
+    the end of a long text.
     """
     return shortened(text.encode(errors="backslashreplace").decode())
 
@@ -93,9 +96,10 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     return Fail(delivery, failures.HANDLER_ERROR, _describe(error)), b""
 
 
-def _sole(error: BaseException) -> BaseException:
-    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into
-    groups.
+def _unwrapped(error: BaseException) -> BaseException:
+    """Return the Failure or Deadlock that is alone in its exception group, else *error*.
+
+    asyncio.TaskGroup wraps every error in a group.
     """
     inner = error
     while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
@@ -104,9 +108,9 @@ def _sole(error: BaseException) -> BaseException:
 
 
 def _describe(error: BaseException) -> str:
-    """The error in one line, then its traceback from the handler on."""
+    """Return the error in one line, then its traceback without the frames of the library."""
     lines = traceback.format_exception(
-        type(error), error, _from_the_handler_on(error.__traceback__)
+        type(error), error, _without_library_frames(error.__traceback__)
     )
     text = "".join(lines).rstrip()
     if len(text) > _TRACEBACK_LIMIT:
@@ -114,8 +118,8 @@ def _describe(error: BaseException) -> str:
     return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
 
 
-def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
-    """Without the frames that called the handler."""
+def _without_library_frames(trace: TracebackType | None) -> TracebackType | None:
+    """Return the traceback without the library's frames that called the handler."""
     while trace is not None and trace.tb_next is not None:
         package = trace.tb_frame.f_globals.get("__package__") or ""
         if package.partition(".")[0] != __package__.partition(".")[0]:

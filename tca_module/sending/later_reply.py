@@ -1,5 +1,6 @@
-"""A reply that comes after the handler has returned (TCA: distributed responses; TDL: POSTPONE and
-RESUME).
+"""A reply that is sent after the handler has returned.
+
+TCA calls these distributed responses; TDL has POSTPONE and RESUME.
 """
 
 import threading
@@ -18,14 +19,22 @@ from tca_wire.text.measures import numbered
 
 
 class LaterReply(ReportingTask, Generic[R]):
-    """The reply that a handler owes: it returns this, and another thread or callback replies later.
+    """The reply that a handler owes: the handler returns this, and another thread replies later.
 
-    Keep it until you call ``reply`` or ``fail``, once, from any thread: until then its slot is
-    taken. That is so for a killed task, too: look at ``cancelled``, stop the device, then reply.
-    Nothing is owed any more when you have accepted a client's cancel. ``accept``, ``report`` and
-    ``take`` come before the reply, and what clients ask for is in ``request``.
+    Keep a reference to it until you call ``reply`` or ``fail``, once, from any thread. Until then
+    its slot stays occupied, even if the task is killed: read ``cancelled``, stop the device, then
+    reply. If you accept a client's cancel, no reply is owed any more. ``accept``, ``report`` and
+    ``take`` must come before the reply. ``request`` is the oldest open request of a client.
 
-    A LaterReply that is dropped without an answer fails with "forgotten"; a killed task just ends.
+    A LaterReply that is dropped without a reply fails with "forgotten"; a killed task just ends.
+
+    Example::
+
+        @arm.handles(MOVE)
+        def move(task: Task, angle: float) -> LaterReply[float]:
+            later = task.reply_later()
+            motor.start(angle, on_stop=lambda: later.reply(motor.angle))
+            return later
     """
 
     def __init__(
@@ -35,23 +44,23 @@ class LaterReply(ReportingTask, Generic[R]):
         delivery: Deliver,
         state: ServerState | None = None,
     ) -> None:
-        """*state*: the task's, if it is one."""
+        """*state*: the task's state; None if the message is no task."""
         self._connection = connection
         self._message = message
         self._delivery = delivery
         self._state = state
-        self._open_delivery = current_delivery()  # the handler's that owes it
+        self._open_delivery = current_delivery()  # of the handler that owes the reply
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
-        self._has_returned = (
-            False  # the handler; before it has, central must not take its thread for free
-        )
-        self._ended = ""  # why no answer is taken any more
+        # Whether the handler has returned. An earlier answer would tell central that its thread is
+        # free.
+        self._has_returned = False
+        self._ended = ""  # the reason why no answer is accepted any more
         self._is_stopped = False  # a client's cancel was accepted
         if state is not None:
-            state.on_stop = WeakMethod(
-                self._stopped
-            )  # nothing of the library's may keep this: see __del__
+            # The library holds no strong reference to this object, so that __del__ runs when the
+            # user drops it.
+            state.on_stop = WeakMethod(self._on_stop)
 
     def __del__(self) -> None:
         if (
@@ -59,7 +68,7 @@ class LaterReply(ReportingTask, Generic[R]):
             and self.is_open
             and not self._connection.is_inherited
         ):
-            self._connection.call_soon(self._forgotten)
+            self._connection.call_soon(self._on_dropped)
 
     def __repr__(self) -> str:
         return (
@@ -70,13 +79,13 @@ class LaterReply(ReportingTask, Generic[R]):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed and its reply is still owed: stop when that is safe,
-        then reply.
+        """Whether the task has been killed while its reply is owed.
+
+        Stop when that is safe, then reply.
         """
         self._connection.check_process()
-        with working_on(
-            self._open_delivery
-        ):  # a restarted central may have given another delivery the same number
+        # By the open delivery: a restarted central may use its number for another one.
+        with working_on(self._open_delivery):
             return self.is_open and self._connection.session.open_deliveries.is_cancelled(
                 self._delivery.delivery
             )
@@ -93,7 +102,7 @@ class LaterReply(ReportingTask, Generic[R]):
             raise Stopped(f"{self} can't be reported on any more: {self._ended}")
         if self._answer is not None:
             raise MisuseError(
-                f"{self} has been answered already: accept, report and take before that"
+                f"{self} has been answered already: accept(), report() and take() come before that"
             )
         return self._state
 
@@ -102,22 +111,41 @@ class LaterReply(ReportingTask, Generic[R]):
     @overload
     def reply(self, value: R) -> None: ...
     def reply(self, value: Any = None) -> None:
-        """Complete the message with its reply or result. Raises BadData if *value* does not fit
-        (the reply is still owed), MisuseError if it was given before, Stopped if the module has
-        ended.
+        """Complete the message with its reply or result.
+
+        Args:
+            value: the reply or result. Default: None, for a message that declares none.
+
+        Raises:
+            BadData: *value* does not fit the declaration; the reply is still owed.
+            MisuseError: the message has been answered already.
+            Stopped: the module has ended.
         """
-        self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
+        self._answer_with(Reply(self._delivery.delivery), self._message.encode_reply(value))
 
     def fail(self, error: BaseException) -> None:
-        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Raises what
-        ``reply`` does.
+        """Complete the message with a failure.
+
+        Args:
+            error: a declared failure with its data, or any exception.
+
+        Raises:
+            MisuseError: the message has been answered already, or *error* is no exception.
+            Stopped: the module has ended.
+
+        Example::
+
+            later.fail(COLLISION(contact))
         """
         if not isinstance(error, BaseException):
-            msg = f"{self} can't fail with {error!r:.60}: give it FAILURE(data) of a declared Failure, or an exception"
-            raise MisuseError(msg)
-        self._take(*failed(self._delivery.delivery, error))
+            raise MisuseError(
+                f"{self} can't fail with {error!r:.60}: "
+                "give it FAILURE(data) of a declared Failure, or an exception"
+            )
+        self._answer_with(*failed(self._delivery.delivery, error))
 
-    def _take(self, header: Reply | Fail, body: bytes) -> None:
+    def _answer_with(self, header: Reply | Fail, body: bytes) -> None:
+        """Accept the answer, and send it if the handler has returned."""
         self._connection.check_process()
         with self._lock:
             if self._ended:
@@ -131,47 +159,52 @@ class LaterReply(ReportingTask, Generic[R]):
                 self._connection.call_soon(self._send)
 
     def returned(self) -> None:
-        """The handler has returned: replies may leave from now on."""
+        """The handler has returned: send the answer now, if there is one."""
         with self._lock:
             self._has_returned = True
             if self._answer is not None:
-                self._connection.call_soon(self._send)  # after what its thread has reported before
+                self._connection.call_soon(self._send)  # after all its reports
 
     def end(self, why: str) -> None:
         """Refuse replies from now on; the caller answers instead."""
         with self._lock:
             self._ended = self._ended or why
 
-    def _stopped(self) -> None:
-        """The task has ended as its client wanted: the reply is not owed any more."""
+    def _on_stop(self) -> None:
+        """The task has ended at its client's request: the reply is not owed any more."""
         if self.is_open:
-            self._take(Reply(self._delivery.delivery), NIL)
+            self._answer_with(Reply(self._delivery.delivery), NIL)
             self._is_stopped = True
 
-    def _forgotten(self) -> None:
-        """It was dropped while its reply was owed. The connection's thread calls this."""
+    def _on_dropped(self) -> None:
+        """Answer for a LaterReply that was dropped. The connection's thread calls this."""
         if not self.is_open:
             return
         with working_on(self._open_delivery):
             is_killed = self._connection.session.open_deliveries.is_killed(self._delivery.delivery)
         self._answer = Reply(self._delivery.delivery), NIL
         if not is_killed:
-            text = f"the LaterReply of {self} was dropped: keep it until you have called its reply() or fail()"
+            text = (
+                f"the LaterReply of {self} was dropped: "
+                "keep a reference to it until you have called its reply() or fail()"
+            )
             self._connection.log.error("%s", text)
             self._answer = Fail(self._delivery.delivery, FORGOTTEN, text, [HANDLER_ERROR]), b""
         self._send()
 
     def module_ends(self) -> None:
-        """The handler's thread ends: a reply still owed has failed."""
+        """The handler's thread ends: a reply that is still owed has failed."""
         self.end("its module has ended")
         failure = (
             Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"),
             b"",
         )
         with working_on(self._open_delivery):
-            self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
+            # Central ignores it if an answer was sent.
+            self._connection.reply(*(self._answer or failure))
 
     def _send(self) -> None:
+        """Send the answer. The connection's thread calls this."""
         assert self._answer is not None
         with working_on(self._open_delivery):
             self._connection.reply(*self._answer)

@@ -1,4 +1,4 @@
-"""The three ways to get replies later: fetch one, iterate over many, or have a function called."""
+"""Three ways to get replies later: fetch one, iterate over many, or have a function called."""
 
 import asyncio
 from collections.abc import Callable, Generator, Iterator
@@ -20,21 +20,25 @@ from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer
 from tca_wire.vocabulary import Outcome
 
-QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply where nobody says otherwise
+QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply by default
 
 
-def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
-    """The Timeout of a query without a reply in time; *why* says where it was ("": unknown)."""
+def reply_timeout(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
+    """Return the Timeout of a query without a reply in time.
+
+    *why* says where the query was; "" if that is unknown.
+    """
     where = f": {why}" if why else ""
     return Timeout(f"{message.title} was not answered within {timeout:g} s{where}", can_wait=True)
 
 
-def _failed(message: Message[Any, Any], answer: Answer, body: bytes) -> QueryFailed:
+def _query_failed(message: Message[Any, Any], answer: Answer, body: bytes) -> QueryFailed:
+    """Return the QueryFailed for an answer."""
     return QueryFailed(message.title, answer.failure or str(answer.outcome), answer.text, body)
 
 
 class _Question:
-    """A query that was sent, until it is given up."""
+    """A query that was sent. It can be given up."""
 
     def __init__(self, connection: Connection, request: Request) -> None:
         self.connection = connection
@@ -42,38 +46,59 @@ class _Question:
         self._is_cancelled = False
 
     def cancel(self) -> None:
-        """Give the query up: a handler that has not begun it never will."""
+        """Give the query up: a handler that has not started it never will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self.connection.abandon(self.request)
 
 
 class PendingReply(_Question, Generic[R]):
-    """A query that was sent. In an async handler ``await`` gives its reply."""
+    """A query that was sent; ``receive()`` waits for the reply.
+
+    In an async handler ``await`` returns the reply. ``asyncio.timeout`` limits that wait.
+
+    Example::
+
+        pending = [task.query_send(HEIGHT, place) for place in places]
+        heights = [reply.receive(timeout=5) for reply in pending]
+    """
 
     def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
         super().__init__(connection, request)
         self._message = message
 
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
-        """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the
-        handler failed; Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does:
-        the query is given up then.
+        """Wait for the reply, and return it.
+
+        Args:
+            timeout: the most seconds to wait, from now on; None waits for ever. Default: 30.
+
+        Returns:
+            The reply.
+
+        Raises:
+            QueryFailed: the handler failed.
+            Timeout: no reply came in time; the query is given up.
+            Refused: "overload": too many messages wait for the handler.
+            CentralLost: central does not answer; the query is given up.
+            TaskKilled: in a handler: its task was killed; the query is given up.
+            Stopped: in a handler: its module ends; the query is given up.
+            MisuseError: the query was given up before.
         """
         check(self._message.title, TIMEOUT, timeout=timeout)
         return self.receive_within(timeout, timeout)
 
     def receive_within(self, left: float | None, timeout: float | None) -> R:
-        """The reply, where only *left* seconds of the timeout remain."""
+        """Wait for the reply. Only *left* seconds of the timeout remain."""
         what = self._checked_name()
         try:
-            is_there = self.connection.wait(self.request, left, what)
+            has_reply = self.connection.wait(self.request, left, what)
         except (TaskKilled, Stopped):
             self._is_cancelled = True
             raise
-        if not is_there:
+        if not has_reply:
             self._is_cancelled = True
-            raise not_answered(self._message, timeout, self.connection.give_up(self.request))
+            raise reply_timeout(self._message, timeout, self.connection.give_up(self.request))
         return self._reply(*self.request.answers[-1])
 
     def __await__(self) -> Generator[Any, None, R]:
@@ -85,19 +110,28 @@ class PendingReply(_Question, Generic[R]):
         return self._reply(*self.request.answers[-1])
 
     def _checked_name(self) -> str:
+        """Return the message for errors. Raises MisuseError if the query was given up."""
         if self._is_cancelled:
             raise MisuseError(f"{self._message.title} was given up: send it again to get a reply")
         return self._message.title
 
     def _reply(self, answer: Answer, body: bytes) -> R:
+        """Return the reply in an answer. Raises QueryFailed if it has no reply."""
         if answer.outcome is not Outcome.DONE:
-            raise _failed(self._message, answer, body)
+            raise _query_failed(self._message, answer, body)
         return self._message.decode_reply(body)
 
 
 class PendingReplies(_Question, Iterator[R], Generic[R]):
-    """The replies to a multi-query as they come; each step waits for the next. Ends as
-    ``multi_query`` does.
+    """The replies to a multi-query, to iterate over as they arrive.
+
+    Each step waits for the next reply. The iteration ends as ``multi_query`` does. If all handlers
+    failed, it raises QueryFailed.
+
+    Example::
+
+        for bid in task.multi_query_send(BID, "dig", timeout=2.0):
+            print(bid)
     """
 
     def __init__(
@@ -120,20 +154,22 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
                 return self._message.decode_reply(body)
             if answer.outcome is not Outcome.DONE:
                 self.cancel()
-                raise _failed(self._message, answer, body)
+                raise _query_failed(self._message, answer, body)
         self.cancel()
         raise StopIteration
 
     def _has_answer(self) -> bool:
+        """Wait for the next answer. False if the time is over, or no more will come."""
         if not self.request.answers and not self.request.is_over:
-            patience = (
+            left = (
                 None if self._deadline is None else max(0.0, self._deadline - self.connection.now())
             )
             try:
-                came = self.connection.wait(
-                    self.request, patience, self._message.title, lambda: bool(self.request.answers)
+                has_arrived = self.connection.wait(
+                    self.request, left, self._message.title, lambda: bool(self.request.answers)
                 )
-                if not came and not self._has_reply:  # a failure may have come instead
+                # Central's answer to that names a failure, if a handler has failed.
+                if not has_arrived and not self._has_reply:
                     self.connection.give_up(self.request)
             except (TaskKilled, Stopped):
                 self._is_cancelled = True
@@ -142,7 +178,11 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
 
 
 class Notification(Generic[R]):
-    """A query whose reply calls a function, once."""
+    """A query whose reply calls a function, once; ``query_notify`` returns it.
+
+    Attributes:
+        is_over: whether the function has been called, or never will be.
+    """
 
     def __init__(
         self,
@@ -150,7 +190,7 @@ class Notification(Generic[R]):
         callback: Callable[[Any, R], object],
         on_failure: Callable[[Any, Exception], object] | None,
     ) -> None:
-        self.is_over = False  #: the function has been called, or never will be
+        self.is_over = False
         self._connection = connection = pending.connection
         self._pending = pending
         self._callback = callback
@@ -158,8 +198,19 @@ class Notification(Generic[R]):
         pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the function has been called; False if it was not within *timeout* seconds.
-        Raises CentralLost, TaskKilled or Stopped as ``query`` does; the query is given up then.
+        """Wait until the function has been called.
+
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            False if the function was not called in time.
+
+        Raises:
+            CentralLost: central does not answer; the query is given up.
+            TaskKilled: in a handler: its task was killed; the query is given up.
+            Stopped: in a handler: its module ends; the query is given up.
+            MisuseError: a callback waits for another callback.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)
@@ -170,7 +221,7 @@ class Notification(Generic[R]):
             raise
 
     def cancel(self) -> None:
-        """Don't call the function: a handler that has not begun the query never will."""
+        """Give the query up: the function is not called any more."""
         if not self.is_over:
             self.is_over = True
             self._pending.cancel()

@@ -1,4 +1,4 @@
-"""Sender: the calls that send, the same for a handler's Task, a Module and a Client."""
+"""Sender: the calls that send messages, the same for a handler's Task, a Module and a Client."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -12,21 +12,13 @@ from tca_module.checks import (
     check_class,
     check_function,
     check_options,
-    is_brief,
 )
-from tca_module.errors import Refused, Timeout
-from tca_module.link.connection import Connection
+from tca_module.errors import Refused
 from tca_module.sending.attachments import Recovery
-from tca_module.sending.replies import (
-    QUERY_TIMEOUT,
-    Notification,
-    PendingReplies,
-    PendingReply,
-    not_answered,
-)
+from tca_module.sending.questions import QuestionServices
+from tca_module.sending.replies import Notification
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.sending.watching import TASK, WatchingServices
-from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import (
     Broadcast,
@@ -44,10 +36,8 @@ from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import THIS, TaskId
 from tca_wire.vocabulary import Refusal
 
-_SHORTEST_PAUSE, _LONGEST_PAUSE = (
-    0.01,
-    0.1,
-)  # seconds between two tries to send where there was no room
+# Seconds between two attempts to send a message for which there was no room.
+_SHORTEST_PAUSE, _LONGEST_PAUSE = 0.01, 0.1
 
 _RECOVERIES = checks.list_of(
     "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]",
@@ -56,24 +46,24 @@ _RECOVERIES = checks.list_of(
 
 
 class TaskOptions(TypedDict, total=False):
-    """The relation of a new task to its siblings.
+    """The options of a new goal or command.
 
     Args:
-        sequential: it is achieved after the sibling before it (SEQ_ACH). Default: True.
-        sequential_planning: it is planned after the sibling before it has been planned
-            (SEQ_PLANNING).
-        plan_first: all of it is planned before any of it is done (PLAN_FIRST).
-        delay_planning: it is planned only when it may be achieved (DELAY_PLANNING).
-        priority: the higher one is first where several wait for one resource. Default: 0.
-        constraints: other constraints; ``this`` stands for the new task.
-        on_failure: exception handlers of the new task, each newer than the one before it.
-        deadline: seconds, above 0. If it is not achieved within them, the failure "timeout" is
-            raised on it. Default: None, no bound.
-        delay: seconds from now before which it is not started. Default: 0.
-        keep: its data, outcome and place can be asked for after its end, as after ``keep()`` of its
-            handle.
-        suspended: it is created suspended, and starts after ``resume()`` of its handle: order it
-            with others before.
+        sequential: it is achieved after its previous sibling (SEQ_ACH). Default: True.
+        sequential_planning: it is planned after its previous sibling has been planned
+            (SEQ_PLANNING). Default: False.
+        plan_first: all of it is planned before any of it is achieved (PLAN_FIRST). Default: False.
+        delay_planning: it is planned only when it may be achieved (DELAY_PLANNING). Default: False.
+        priority: the higher one is first at a busy resource, -1,000,000 to 1,000,000. Default: 0.
+        constraints: more constraints, in which ``this`` stands for the new task. Default: none.
+        on_failure: exception handlers of the new task; the last one is asked first. Default: none.
+        deadline: seconds, above 0. If the task is not achieved within them, the failure "timeout"
+            is raised on it. Default: None, no bound.
+        delay: the seconds from now before which it does not start. Default: 0.
+        keep: retain its data, outcome and place in the tree after its end, as ``keep()`` does.
+            Default: False.
+        suspended: create it suspended; it starts after ``resume()``. Order it with other tasks
+            before that. Default: False.
     """
 
     sequential: Annotated[bool, checks.FLAG]
@@ -89,34 +79,20 @@ class TaskOptions(TypedDict, total=False):
     suspended: Annotated[bool, checks.FLAG]
 
 
-class QueryOptions(TypedDict, total=False):
-    """The options of ``query``: seconds to wait (None: for ever), and which query is first at a
-    busy resource.
-    """
-
-    timeout: float | None
-    priority: int
-
-
-class RepliesOptions(TypedDict, total=False):
-    """The options of ``multi_query``: how many replies (None: all), and seconds to wait (None: for
-    ever).
-    """
-
-    maximum: int | None
-    timeout: float | None
-
-
 _FLAGS = {
     "sequential_planning": Flags.SEQ_PLANNING,
     "plan_first": Flags.PLAN_FIRST,
     "delay_planning": Flags.DELAY_PLANNING,
 }
-"""The options that are constraints between siblings, as central knows them."""
+"""The options that central knows as flags for constraints between siblings."""
 
 
-class Sender(WatchingServices):
-    """Sends messages. Task, Module, Client and Callback are Senders."""
+class Sender(WatchingServices, QuestionServices):
+    """An object that sends messages. Task, Module, Client and Callback are Senders.
+
+    A Task sends goals and commands as subtasks of the task being handled. The others send them as
+    top-level tasks, under the root.
+    """
 
     # --- tasks ------------------------------------------------------------------------------------
 
@@ -129,13 +105,30 @@ class Sender(WatchingServices):
     def goal(
         self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]
     ) -> SentTask[None]:
-        """Make a subtask that expands into subtasks of its own. Returns at once; central may have
-        yet to take it.
+        """Send a goal: a task that its handler expands into subtasks. Returns at once.
 
-        Raises BadData if *data* does not fit, FormatRefused if others declare the message
-        differently. Refused, if the constraints can never be met, is raised by whatever uses the
-        task first (``task.id`` waits for central's word), by the next call of this Sender, or at
-        the latest when the handler returns, which then has failed.
+        Args:
+            message: the Goal.
+            data: its data. Default: None, for a goal without data.
+            options: see ``TaskOptions``: sequential, sequential_planning, plan_first,
+                delay_planning, priority, constraints, on_failure, deadline, delay, keep, suspended.
+
+        Returns:
+            The SentTask: wait for it, follow it, cancel it, or use its points in constraints.
+
+        Raises:
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            Refused: central can't accept the task, for example since its constraints can never be
+                met. The first use of the task raises it, such as ``task.id``, or the next call of
+                this Sender. Otherwise the handler fails with it when it returns.
+            CentralLost: central does not answer.
+            MisuseError: an option is wrong.
+
+        Example::
+
+            walk = user.goal(WALK, path, deadline=60)
+            walk.wait()
         """
         check_class(message, Goal)
         return self._task(message, data, options)
@@ -151,23 +144,36 @@ class Sender(WatchingServices):
     def command(
         self, message: Command[Any, R], data: Any = None, **options: Unpack[TaskOptions]
     ) -> SentTask[R]:
-        """Make a subtask that acts; ``result()`` waits for its end. Otherwise like ``goal``."""
+        """Send a command: a task that acts. Returns at once.
+
+        Arguments, options and errors are those of ``goal``.
+
+        Returns:
+            The SentTask; its ``result()`` waits for the end and returns the handler's result.
+
+        Example::
+
+            with task.parallel():
+                left = task.command(MOVE_LEG, 1)
+                right = task.command(MOVE_LEG, 2)
+            print(left.result(timeout=10), right.result(timeout=10))
+        """
         check_class(message, Command)
         return self._task(message, data, options)
 
     def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> SentTask[R]:
-        task = self._task_if(message, data, options, handled=False)
+        task = self._send_task(message, data, options, must_be_handled=False)
         assert task is not None
         return task
 
-    def _task_if(
-        self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool
+    def _send_task(
+        self, message: Message[D, R], data: D, options: TaskOptions, *, must_be_handled: bool
     ) -> SentTask[R] | None:
-        """The new task; None if *handled* and nobody handles the message."""
+        """Send a task and return it. Returns None if it *must_be_handled*, and has no handler."""
         if options:
             check_options(message.title, options, TaskOptions)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
-        connection = self._declare(message, *(one.handler for one in recoveries))
+        connection = self._declare(message, *(recovery.handler for recovery in recoveries))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(
@@ -187,13 +193,13 @@ class Sender(WatchingServices):
             flags,
             constraints,
             options.get("priority", 0),
-            attachments=[one.attachment for one in recoveries],
+            attachments=[recovery.attachment for recovery in recoveries],
             deadline=options.get("deadline") or 0,
-            if_handled=handled,
+            if_handled=must_be_handled,
             keep=options.get("keep", False),
             suspended=options.get("suspended", False),
         )
-        if not handled:
+        if not must_be_handled:
             task_id = connection.send_task(header, body, message.title)
         elif not (task_id := TaskId(connection.call(header, message.title, body))):
             return None
@@ -202,37 +208,84 @@ class Sender(WatchingServices):
         return SentTask(connection, message, task_id, self._origin)
 
     def under(self, task: TaskRef) -> "Sender":
-        """A Sender for monitors, goals and commands under *task*, which others may handle.
+        """Return a Sender for monitors, goals and commands under *task*, anywhere in the tree.
 
-        ::
+        A goal or command joins the sequence of the task's children. With ``sequential=False`` it
+        waits for none of them. A monitor without a bound of its own ends with the task. A kill of
+        the task kills all that was sent. A send raises Refused ("too late") if the task has ended.
+
+        Args:
+            task: a task that was sent or found.
+
+        Returns:
+            The Sender.
+
+        Raises:
+            MisuseError: *task* is no task.
+
+        Example::
 
             walking = user.tasks(WALK)[0]
             user.under(walking).monitor(CUP_GONE, cup, period=0.1)
-
-        A goal or command joins the sequence of the task's children; with ``sequential=False`` it
-        waits for none of them. A monitor without an end of its own ends with the task, and a kill
-        of the task kills all. Sending raises Refused ("too late") when the task has ended.
         """
         check("under()", TASK, task=task)
         return Sender(node_of(task), self._origin, is_shared=True, connection=self._connection)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
-        """A block of subtasks, each achieved after the one before. Blocks nest.
+        """Start a ``with`` block of subtasks that are achieved one after the other.
 
-        With *plan_ahead*, at most that many are planned beyond the one that is being achieved. With
-        0, each is planned only when it may be achieved.
+        Blocks nest: a block counts as one element of the block around it.
+
+        Args:
+            plan_ahead: the most elements that are planned beyond the one being achieved. With 0,
+                each is planned only when it may be achieved. Default: None, any number.
+
+        Returns:
+            The block.
+
+        Raises:
+            MisuseError: *plan_ahead* is negative.
+
+        Example::
+
+            with task.sequence(plan_ahead=1):
+                for row in range(rows):
+                    task.goal(MOW_ROW, row)
         """
         return self._ordering.sequence(plan_ahead)
 
     def parallel(self) -> AbstractContextManager[None]:
-        """A block of subtasks without order: each comes after those sent before the block; later
-        ones wait for all.
+        """Start a ``with`` block of subtasks that have no order among themselves.
+
+        All of them come after the subtasks sent before the block. Later subtasks wait for all of
+        them.
+
+        Returns:
+            The block.
+
+        Example::
+
+            with task.parallel():
+                task.command(OPEN_GRIPPER)
+                task.command(MOVE_ARM, place)
+            task.command(CLOSE_GRIPPER)  # after both
         """
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:
-        """Add constraints between tasks that exist: all, or with an error none. Raises Refused if
-        one comes too late or would close a circle.
+        """Add constraints between existing tasks: all of them, or none if one is refused.
+
+        Args:
+            constraints: constraints such as ``a.achieving.end + 0.3 <= b.achieving.start``.
+
+        Raises:
+            Refused: one comes "too late", or would close a cycle.
+            CentralLost: central does not answer.
+            MisuseError: an argument is no constraint.
+
+        Example::
+
+            task.constrain(warm_up.achieving.end <= flash.achieving.start)
         """
         for constraint in constraints:
             check("constrain()", checks.CONSTRAINT, each=constraint)
@@ -244,51 +297,6 @@ class Sender(WatchingServices):
 
     # --- questions --------------------------------------------------------------------------------
 
-    @overload
-    def query(
-        self, message: Query[None, R], data: None = None, **options: Unpack[QueryOptions]
-    ) -> R: ...
-    @overload
-    def query(self, message: Query[D, R], data: D, **options: Unpack[QueryOptions]) -> R: ...
-    def query(
-        self,
-        message: Query[Any, R],
-        data: Any = None,
-        *,
-        timeout: float | None = QUERY_TIMEOUT,
-        priority: int = 0,
-    ) -> R:
-        """Ask, and wait for the reply, at most *timeout* seconds (None: for ever).
-
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time; in a handler
-        once TaskKilled if its task is killed, and Stopped if its module ends.
-        """
-        brief = is_brief("query()", timeout)
-        check_class(message, Query)
-        try:
-            left = self._declare_within(timeout, message)
-        except Timeout:
-            assert timeout is not None
-            raise not_answered(message, timeout, self._connection().silence) from None
-        question = self._question(message, data, priority=priority, blocking=True, brief=brief)
-        return PendingReply(*question, message).receive_within(left, timeout)
-
-    @overload
-    def query_send(
-        self, message: Query[None, R], data: None = None, *, priority: int = ...
-    ) -> PendingReply[R]: ...
-    @overload
-    def query_send(
-        self, message: Query[D, R], data: D, *, priority: int = ...
-    ) -> PendingReply[R]: ...
-    def query_send(
-        self, message: Query[Any, R], data: Any = None, *, priority: int = 0
-    ) -> PendingReply[R]:
-        """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async
-        handler.
-        """
-        return self._ask(message, data, priority)
-
     def query_notify(
         self,
         message: Query[D, R],
@@ -298,121 +306,41 @@ class Sender(WatchingServices):
         *,
         priority: int = 0,
     ) -> Notification[R]:
-        """Ask, and have *callback* called with a Sender under the root and the reply, or
-        *on_failure* with a Sender and the error that ``query`` would raise.
+        """Send a query, and have a function called with its reply.
 
-        They are called in this thread, one at a time, while it waits for central or its next
-        message. Errors in them are logged, and so is a failure without *on_failure*.
+        The calls are made in this thread, one at a time, while it waits for central or for its next
+        message. An error in a function is logged, and so is a failure without *on_failure*.
+
+        Args:
+            message: the Query.
+            data: its data; None for a query without data.
+            callback: a plain function that takes (sender, reply); the Sender sends under the root.
+            on_failure: a plain function that takes (sender, error), with the error that ``query``
+                would raise. Default: None.
+            priority: the higher one is first at a busy resource. Default: 0.
+
+        Returns:
+            A Notification, with ``wait()`` and ``cancel()``.
+
+        Raises:
+            MisuseError: a function takes other arguments, or is ``async def``.
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            CentralLost: central does not answer.
+
+        Example::
+
+            def too_hot(sender: Sender, degrees: float) -> None:
+                if degrees > 80:
+                    sender.command(COOL_DOWN)
+
+            task.query_notify(TEMPERATURE, None, too_hot)
         """
         check_function("query_notify()", callback, "(sender, reply)")
         if on_failure is not None:
             check_function("query_notify()", on_failure, "(sender, error)")
-        pending = self._ask(message, data, priority)
+        pending = self._query_send(message, data, priority)
         return Notification(pending, callback, on_failure)
-
-    def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
-        check_class(message, Query)
-        return PendingReply(
-            *self._question(message, data, priority=priority, is_awaited=False), message
-        )
-
-    def _question(
-        self,
-        message: Message[Any, Any],
-        data: Any,
-        *,
-        priority: int = 0,
-        blocking: bool = False,
-        brief: bool = False,
-        maximum: int = 0,
-        if_handled: bool = False,
-        is_awaited: bool = True,
-    ) -> tuple[Connection, Request]:
-        if not checks.PRIORITY.fits(priority):
-            check(message.title, checks.PRIORITY, priority=priority)
-        body = message.encode_data(data)
-        connection = self._declare(message)
-        header = Send(
-            0,
-            message.name,
-            origin=self._origin,
-            priority=priority,
-            blocking=blocking,
-            maximum=maximum,
-            flags=Flags.NONE,
-            if_handled=if_handled,
-            brief=brief,
-        )
-        return connection, connection.request(
-            header, body, wants_answer=True, is_awaited=is_awaited
-        )
-
-    @overload
-    def multi_query(
-        self, message: MultiQuery[None, R], data: None = None, **options: Unpack[RepliesOptions]
-    ) -> list[R]: ...
-    @overload
-    def multi_query(
-        self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]
-    ) -> list[R]: ...
-    def multi_query(
-        self,
-        message: MultiQuery[Any, R],
-        data: Any = None,
-        *,
-        maximum: int | None = None,
-        timeout: float | None = QUERY_TIMEOUT,
-    ) -> list[R]:
-        """Ask every module that handles the message; the replies in the order they came.
-
-        Ends with *maximum* replies (None: all), when nobody is left who could reply, or after
-            *timeout* seconds with
-        the replies so far. If nobody replied and somebody failed, raises QueryFailed with the first
-        failure and a text that names all; otherwise modules that fail are left out.
-        """
-        return list(self._ask_all(message, data, maximum, timeout, blocking=True))
-
-    @overload
-    def multi_query_send(
-        self, message: MultiQuery[None, R], data: None = None, **options: Unpack[RepliesOptions]
-    ) -> PendingReplies[R]: ...
-    @overload
-    def multi_query_send(
-        self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]
-    ) -> PendingReplies[R]: ...
-    def multi_query_send(
-        self,
-        message: MultiQuery[Any, R],
-        data: Any = None,
-        *,
-        maximum: int | None = None,
-        timeout: float | None = QUERY_TIMEOUT,
-    ) -> PendingReplies[R]:
-        """Ask every module that handles the message; iterate over the result to get the replies as
-        they come. It ends as ``multi_query`` does; *timeout* counts from now.
-        """
-        return self._ask_all(message, data, maximum, timeout, blocking=False)
-
-    def _ask_all(
-        self,
-        message: MultiQuery[D, R],
-        data: D,
-        maximum: int | None,
-        timeout: float | None,
-        *,
-        blocking: bool,
-    ) -> PendingReplies[R]:
-        check_class(message, MultiQuery)
-        check(message.title, checks.TIMEOUT, timeout=timeout)
-        check(message.title, checks.MAXIMUM, maximum=maximum)
-        try:
-            left = self._declare_within(timeout, message)
-        except Timeout:
-            unsent = Request(Send(0, message.name), b"", wants_answer=True)
-            unsent.is_over = True
-            return PendingReplies(self._connection(), unsent, message, 0)
-        connection, request = self._question(message, data, blocking=blocking, maximum=maximum or 0)
-        return PendingReplies(connection, request, message, left)
 
     # --- statements -------------------------------------------------------------------------------
 
@@ -423,13 +351,27 @@ class Sender(WatchingServices):
     @overload
     def inform(self, message: Inform[D], data: D, *, wait: float | None = ...) -> None: ...
     def inform(self, message: Inform[Any], data: Any = None, *, wait: float | None = None) -> None:
-        """Tell the one module that handles the message: at most once, in order, without waiting.
+        """Send an inform to its one handler: at most once, and in order.
 
-        With *wait*, returns when central has taken it, and waits at most so many seconds for room
-        where too much waits for the handler. Then raises Refused ("overload"); without *wait* it
-        would be dropped.
+        Args:
+            message: the Inform.
+            data: its data. Default: None, for an inform without data.
+            wait: the most seconds to wait for room in the handler's queue; the call then returns
+                when central has accepted the message. With None, it returns at once, and a message
+                that finds the queue full is dropped. Default: None.
+
+        Raises:
+            BadData: *data* does not fit the message.
+            FormatRefused: other programs declare the message differently.
+            Refused: "overload": with *wait*, there was no room in time.
+            CentralLost: central does not answer.
+
+        Example::
+
+            task.inform(BATTERY, 0.8)
+            task.inform(LOG_LINE, text, wait=2.0)
         """
-        self._tell(message, Inform, data, wait)
+        self._send_statement(message, Inform, data, wait)
 
     @overload
     def broadcast(
@@ -440,14 +382,21 @@ class Sender(WatchingServices):
     def broadcast(
         self, message: Broadcast[Any], data: Any = None, *, wait: float | None = None
     ) -> None:
-        """Tell every module that handles the message: at most once, in order, without waiting.
-        *wait* as for ``inform``, until one of them has room.
-        """
-        self._tell(message, Broadcast, data, wait)
+        """Send a broadcast to every module that handles it: at most once each, and in order.
 
-    def _tell(
+        Arguments and errors are those of ``inform``. With *wait*, it returns when at least one
+        handler has room.
+
+        Example::
+
+            task.broadcast(POSE_CHANGED, pose)
+        """
+        self._send_statement(message, Broadcast, data, wait)
+
+    def _send_statement(
         self, message: Message[D, None], kind: type[Message[Any, Any]], data: D, wait: float | None
     ) -> None:
+        """Send an inform or broadcast; with *wait*, retry until the handler has room."""
         check_class(message, kind)
         if wait is not None:
             check(message.title, checks.SECONDS_OR_NONE, wait=wait)
@@ -457,12 +406,12 @@ class Sender(WatchingServices):
         if wait is None:
             connection.post(header, body)
             return
-        until, pause = connection.now() + wait, _SHORTEST_PAUSE
+        deadline, pause = connection.now() + wait, _SHORTEST_PAUSE
         while True:
             try:
                 connection.call(header, message.title, body)
             except Refused as error:
-                left = until - connection.now()
+                left = deadline - connection.now()
                 if error.refusal is not Refusal.OVERLOAD or left <= 0:
                     raise
             else:
@@ -470,7 +419,7 @@ class Sender(WatchingServices):
             connection.pause(min(pause, left), message.title)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
-    # --- whatever the class -----------------------------------------------------------------------
+    # --- messages of any class --------------------------------------------------------------------
 
     @overload
     def execute(self, message: TaskMessage[None, R], data: None = None) -> SentTask[R]: ...
@@ -489,7 +438,21 @@ class Sender(WatchingServices):
     @overload
     def execute(self, message: Inform[D] | Broadcast[D], data: D) -> None: ...
     def execute(self, message: Any, data: Any = None) -> Any:
-        """Send a message of any class as the call for that class does (TCA 8.5: tcaExecute)."""
+        """Send a message of any class except a monitor (TCA 8.5: tcaExecute).
+
+        It does what ``goal``, ``command``, ``query``, ``multi_query``, ``inform`` or ``broadcast``
+        does.
+
+        Args:
+            message: the message.
+            data: its data. Default: None, for a message without data.
+
+        Returns:
+            The result of the call for the message's class.
+
+        Raises:
+            MisuseError: the message's class cannot be sent.
+        """
         check_class(message, *EXECUTED, call="execute")
         return next(
             getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind)
@@ -518,31 +481,32 @@ class Sender(WatchingServices):
     @overload
     def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D) -> bool: ...
     def execute_if_handled(self, message: Any, data: Any = None) -> Any:
-        """Send a message only if somebody handles it now; central decides and sends in one step
-        (TCA 8.5:
-        tcaMaybeExecute).
+        """Send a message only if it has a handler now (TCA 8.5: tcaMaybeExecute).
 
-        Returns what ``execute`` does, or None if nobody handles the message; of an inform or
-        broadcast, whether it was sent. The handler may still be lost afterwards.
+        Central checks and sends in one step. The handler may still be lost afterwards.
+
+        Args:
+            message: the message, of any class that ``execute`` accepts.
+            data: its data. Default: None, for a message without data.
+
+        Returns:
+            The result of ``execute``, or None if the message has no handler. For an inform or
+            broadcast: True if it was sent.
+
+        Raises:
+            MisuseError: the message's class cannot be sent.
+
+        Example::
+
+            blinking = user.execute_if_handled(BLINK, "green")
+            if blinking is None:
+                print("no lamp")
         """
         check_class(message, *EXECUTED, call="execute_if_handled")
         if isinstance(message, TaskMessage):
-            return self._task_if(message, data, {}, handled=True)
+            return self._send_task(message, data, {}, must_be_handled=True)
         if isinstance(message, Query | MultiQuery):
             return self._ask_if_handled(message, data)
         body = message.encode_data(data)
         header = Send(0, message.name, origin=self._origin, flags=Flags.NONE, if_handled=True)
         return bool(self._declare(message).call(header, message.title, body))
-
-    def _ask_if_handled(
-        self, message: Query[D, R] | MultiQuery[D, R], data: D
-    ) -> R | list[R] | None:
-        connection, request = self._question(message, data, blocking=True, if_handled=True)
-        is_over = connection.wait(request, QUERY_TIMEOUT, message.title)
-        if request.accepted is not None:  # instead of answered: it was not sent
-            return None
-        if isinstance(message, MultiQuery):
-            return list(PendingReplies(connection, request, message, 0))
-        if not is_over:
-            raise not_answered(message, QUERY_TIMEOUT, connection.give_up(request))
-        return PendingReply(connection, request, message).receive()

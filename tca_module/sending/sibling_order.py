@@ -1,9 +1,8 @@
-"""The order of a Sender's children: the constraints that the next one needs, inside and outside of
-blocks.
+"""The order of a Sender's children: the constraints that the next child needs.
 
-A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first*
-tasks, with which it begins, and *last* tasks, whose ends are its end. Knows task ids only. One that
-is refused afterwards is as if it had never been sent.
+A block (``sequence``, ``parallel``) is one element of the block around it. Its *first* tasks are
+those with which it starts; the ends of its *last* tasks are its end. The module knows task ids
+only. A task that central refuses later counts as never sent.
 """
 
 from collections import deque
@@ -20,25 +19,25 @@ class _Block:
     """A block, and the tasks that its next element comes after."""
 
     def __init__(
-        self, around: "_Block | None", ahead: int | None = None, *, is_parallel: bool = False
+        self, outer: "_Block | None", plan_ahead: int | None = None, *, is_parallel: bool = False
     ) -> None:
-        self.after: list[TaskId] = (
-            around.after[:] if around else []
-        )  #: achieved before the next element is
+        #: The tasks that are achieved before the next element.
+        self.after: list[TaskId] = outer.after[:] if outer else []
         self.first: list[TaskId] = []
         self.last: list[TaskId] = []
-        self.delays_planning: bool = ahead == 0 or bool(around and around.delays_planning)
-        self._planned_after = around.next_planned_after() if around else []
-        self._starts: deque[list[TaskId]] = deque(maxlen=ahead or 0)
+        self.delays_planning: bool = plan_ahead == 0 or bool(outer and outer.delays_planning)
+        self._planned_after = outer.next_planned_after() if outer else []
+        # The first tasks of the newest elements: as many as may be planned ahead.
+        self._starts: deque[list[TaskId]] = deque(maxlen=plan_ahead or 0)
         self._is_parallel = is_parallel
 
     def next_planned_after(self) -> list[TaskId]:
-        """The tasks that must be being achieved before the next element is planned."""
+        """Return the tasks whose achievement must start before the next element is planned."""
         is_full = self._starts and len(self._starts) == self._starts.maxlen
         return self._planned_after + (self._starts[0] if is_full else [])
 
     def add(self, first: list[TaskId], last: list[TaskId], *, sequential: bool) -> None:
-        """An element was made: a task, or a block."""
+        """Add an element: a task, or a block."""
         if self._is_parallel:
             self.first += first
             self.last += last
@@ -48,11 +47,11 @@ class _Block:
             self._starts.append(first)
 
 
-def _standing(tasks: Iterable[TaskId]) -> Iterator[TaskId]:
-    """Those tasks; instead of one that was refused, those that it was to come after."""
+def _replace_refused(tasks: Iterable[TaskId]) -> Iterator[TaskId]:
+    """Yield the tasks; in place of a refused one, those that it would have come after."""
     for task in tasks:
         if isinstance(task, SentId) and task.request.has_failed:
-            yield from _standing(task.request.after)
+            yield from _replace_refused(task.request.after)
         else:
             yield task
 
@@ -61,75 +60,76 @@ class SiblingOrder:
     """The order among the children of one Sender."""
 
     def __init__(self, *, is_shared: bool) -> None:
-        self._is_shared = (
-            is_shared  # others send there, too: central's "last sibling" may be theirs
-        )
+        # Whether others send there, too: central's "last sibling" may be theirs.
+        self._is_shared = is_shared
         self._epoch = ""
         self.forget()
 
     def forget(self) -> None:
-        """Central has forgotten all tasks."""
+        """Forget all children: central was restarted."""
         self._newest: TaskId | None = None
         self._blocks: list[_Block] = [_Block(None)]
 
     def place(
         self, epoch: str, *, is_goal: bool, sequential: bool
     ) -> tuple[Flags, list[Constraint]]:
-        """The flags and constraints of the next child. A central of another *epoch* has forgotten
-        those before.
+        """Return the flags and constraints of the next child.
+
+        A central of another *epoch* has forgotten the children before.
         """
         if self._epoch and self._epoch != epoch:
             self.forget()
         self._epoch = epoch
         block = self._blocks[-1]
-        block.after = list(_standing(block.after))
+        block.after = list(_replace_refused(block.after))
         flags, constraints = Flags.NONE, []
         if sequential:
             if self._follows_last_sibling(block):
                 flags = Flags.SEQ_ACH
             else:
                 constraints = [sequential_achievement(before, THIS) for before in block.after]
-        if is_goal:  # a command is not planned
+        if is_goal:  # commands are not planned
             constraints += [
-                plan_ahead(behind, THIS) for behind in _standing(block.next_planned_after())
+                plan_ahead(before, THIS) for before in _replace_refused(block.next_planned_after())
             ]
             flags |= Flags.DELAY_PLANNING if block.delays_planning else Flags.NONE
         return flags, constraints
 
     def _follows_last_sibling(self, block: _Block) -> bool:
-        """Whether the flag says it all: it is shorter, and central need not look for circles."""
+        """Whether a flag can replace the constraints, which spares central the check for cycles."""
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
         return not self._is_shared and block.after == [self._newest]
 
     def add(self, child: TaskId, *, sequential: bool) -> None:
-        """A child was made."""
+        """Add a child that was sent."""
         self._newest = child
         if isinstance(child, SentId):
             child.request.after = self._blocks[-1].after[:]
-        # Outside of blocks the next one follows the last sibling alone, as TCA's flags say.
+        # Outside of blocks the next child follows the last sibling only, as TCA's flags do.
         self._blocks[-1].add([child], [child], sequential=sequential or len(self._blocks) == 1)
 
     @contextmanager
-    def sequence(self, ahead: int | None = None) -> Iterator[None]:
-        """A block of children, each after the one before."""
-        check("sequence()", PLAN_AHEAD, plan_ahead=ahead)
-        with self._inside(_Block(self._blocks[-1], ahead)):
+    def sequence(self, plan_ahead: int | None = None) -> Iterator[None]:
+        """Start a block of children, each after the one before."""
+        check("sequence()", PLAN_AHEAD, plan_ahead=plan_ahead)
+        with self._inside(_Block(self._blocks[-1], plan_ahead)):
             yield
 
     @contextmanager
     def parallel(self) -> Iterator[None]:
-        """A block of children without order among them."""
+        """Start a block of children without order among them."""
         with self._inside(_Block(self._blocks[-1], is_parallel=True)):
             yield
 
     @contextmanager
     def _inside(self, block: _Block) -> Iterator[None]:
+        """Add children to *block* for the time of the ``with`` block."""
         self._blocks.append(block)
         try:
             yield
         finally:
-            if block in self._blocks:  # not if all was forgotten meanwhile
+            if block in self._blocks:  # false if central was restarted within the block
                 self._blocks.remove(block)
                 if block.first:
                     self._blocks[-1].add(block.first, block.last, sequential=True)

@@ -1,4 +1,4 @@
-"""The Task that a handler gets: the message being handled, and a Sender for its subtasks."""
+"""Task: the argument of a handler. It is the message being handled, and sends its subtasks."""
 
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
@@ -13,7 +13,7 @@ from tca_module.sending.handler_errors import Aborted, Rejection
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task_points import TaskInterval
-from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
+from tca_module.sending.task_ref import FIND_IT, TaskNode, TaskRef
 from tca_module.sending.task_requests import ReportingTask, Requests, ServerState, TaskRequest
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
@@ -24,13 +24,23 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, SteerableTask, ReportingTask):
-    """The message being handled. Goals and commands sent from it become its subtasks; ``kill``,
-    ``suspend`` and their like are about itself.
+class Task(Sender, TaskNode, ReportingTask):
+    """The message being handled, and a Sender: goals and commands sent with it become its subtasks.
 
-    It belongs to the handler's thread, until the handler returns. A query, inform or broadcast is
-    no task of the tree:
-    its *id* is 0, and its handler sends under the root.
+    ``kill``, ``suspend`` and the other steering calls concern the task itself. A Task belongs to
+    the handler's thread, until the handler returns. A query, inform or broadcast is not a task of
+    the tree: its *id* is 0, and its handler sends under the root.
+
+    Attributes:
+        message: the name of the message.
+        later: the ``LaterReply`` that ``reply_later()`` returned; None before.
+
+    Example::
+
+        @planner.handles(WALK)
+        def walk(task: Task, path: Path) -> None:
+            for step in path.steps:
+                task.command(TAKE_STEP, step)
     """
 
     def __init__(
@@ -41,9 +51,9 @@ class Task(Sender, SteerableTask, ReportingTask):
         *,
         accepts: bool = False,
     ) -> None:
-        """*accepts*: the handler says itself when it accepts the task."""
+        """*accepts*: the handler itself calls ``accept()``."""
         self._link: Connection | None = connection
-        self._wakes: Connection = connection  # also when the handler has returned
+        self._woken: Connection = connection  # for wake(), also after the handler has returned
         self._message = message
         self.message = message.name
         self._delivery = delivery
@@ -52,28 +62,32 @@ class Task(Sender, SteerableTask, ReportingTask):
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
-        origin = max(0, delivery.delivery)  # central knows no direct delivery
+        origin = max(0, delivery.delivery)  # central does not know direct deliveries
         Sender.__init__(self, task_id, with_epoch(origin, epoch, self._what))
-        SteerableTask.__init__(self, task_id)
+        TaskNode.__init__(self, task_id)
         self.began = connection.now()
-        self.later: LaterReply[Any] | None = None  #: answers for the handler, if it said so
+        self.later: LaterReply[Any] | None = None
 
     def __repr__(self) -> str:
         return self._what
 
     @property
     def delivery(self) -> int:
-        """The number by which the handler's answer names the message; below 0 if it came
-        directly.
-        """
+        """The number by which central knows this delivery; below 0 for a direct message."""
         return self._delivery.delivery
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed or the module ends: clean up and return. Never waits.
+        """Whether the handler should return: a kill, a retry, or the module's end. Never waits.
 
-        A handler that does not look is woken from its next wait with TaskKilled or Stopped, once.
-        If it was told that its module ends, it has failed with "module lost", whatever it returns.
+        Clean up and return when it is true. A handler that does not read it is woken once from its
+        next wait, with TaskKilled or Stopped. A handler that was notified of its module's end fails
+        with "module lost", whatever it returns.
+
+        Example::
+
+            while not task.cancelled:
+                step()
         """
         try:
             return self._connection().is_cancelled(self.delivery)
@@ -90,22 +104,34 @@ class Task(Sender, SteerableTask, ReportingTask):
 
     @property
     def ref(self) -> TaskRef:
-        """This task as others see it: to watch it, or to wait for a point of it."""
+        """This task as other programs see it, to follow it or to wait for one of its points."""
         return TaskRef(self._connection(), self.message, self._node(), self._origin)
 
     @property
     def trouble(self) -> Trouble:
-        """The failure that this exception handler handles."""
+        """The failure that this exception handler handles.
+
+        Raises:
+            MisuseError: the message was not sent as an exception handler.
+        """
         return self._context(Trouble, "exception handler")
 
     @property
     def tap_event(self) -> TapEvent:
-        """The event that this listener of a wiretap was sent for."""
+        """The event for which this listener of a wiretap was sent.
+
+        Raises:
+            MisuseError: the message was not sent as a listener.
+        """
         return self._context(TapEvent, "listener of a wiretap")
 
     @property
     def monitor_ref(self) -> MonitorRef[Any]:
-        """The monitor that sent this message."""
+        """The monitor that sent this message.
+
+        Raises:
+            MisuseError: the message was not sent by a monitor.
+        """
         return self._context(MonitorRef, "message of a monitor")
 
     def _context(self, kind: type[C], what: str) -> C:
@@ -121,28 +147,69 @@ class Task(Sender, SteerableTask, ReportingTask):
     @overload
     def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
-        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled
-        if the task is killed, Stopped if the module ends. In async handlers use ``requests()``.
+        """Wait for the next request of a client. Each request is returned once.
+
+        In an async handler use ``requests()`` instead.
+
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The TaskRequest; None if there was none in time.
+
+        Raises:
+            TaskKilled: the task was killed.
+            Stopped: the module ends.
+            MisuseError: the message is not a task of the tree.
+
+        Example::
+
+            while (request := task.wait_for_request(timeout=0.1)) is None:
+                step()
+            request.accept()
         """
         check(f"wait_for_request() of {self}", checks.TIMEOUT, timeout=timeout)
         return self._served().wait(timeout)
 
     def requests(self) -> Requests:
-        """The requests of clients as they come; in async handlers for ``async for request in
-        task.requests():``.
+        """Return the requests of clients, to iterate over as they arrive.
+
+        Example::
+
+            async for request in task.requests():
+                request.reject("too late to change")
         """
         return Requests(self._served())
 
     def rejected(self, why: str = "") -> Exception:
-        """The error to raise when the task is not begun: ``raise task.rejected("no hand is
-        free")``. Its client gets the failure "rejected".
+        """Return the error to raise when the handler does not start the task.
+
+        Its client gets the failure "rejected".
+
+        Args:
+            why: the reason, for people. Default: "".
+
+        Example::
+
+            raise task.rejected("no hand is free")
         """
         check(f"rejected() of {self}", checks.TEXT, why=why)
         return Rejection(why or "its handler gives no reason")
 
     def aborted(self, why: str = "") -> TaskKilled:
-        """The error to raise when all is safe after a request for the task's end: ``raise
-        task.aborted()``. It is the short form of ``request.accept()`` and a return.
+        """Return the error to raise when all is safe after a client has asked for the task's end.
+
+        It is the short form of ``request.accept()`` and a return.
+
+        Args:
+            why: the reason, for people. Default: "".
+
+        Raises:
+            MisuseError: no client has asked for the task's end.
+
+        Example::
+
+            raise task.aborted()
         """
         check(f"aborted() of {self}", checks.TEXT, why=why)
         self._served().stop(why)
@@ -151,24 +218,41 @@ class Task(Sender, SteerableTask, ReportingTask):
     # --- time -------------------------------------------------------------------------------------
 
     def time(self) -> float:
-        """The seconds of the clock by which handlers sleep, also if a restarted central has
-        forgotten the task.
+        """Return the seconds of the clock by which handlers sleep.
+
+        It works even if central was restarted and has forgotten the task.
         """
         return self._own_connection().transport.time()
 
     def sleep(self, seconds: float) -> Any:
-        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or
-        the module ends.
+        """Sleep for *seconds*. In an async handler: ``await task.sleep(2)``.
 
-        In an async handler ``await task.sleep(2)``: its event loop turns, and a kill or the
-        module's end raises CancelledError.
+        Args:
+            seconds: 0 or more; a test may step the clock.
+
+        Raises:
+            TaskKilled: the task was killed; in an async handler CancelledError.
+            Stopped: the module ends; in an async handler CancelledError.
+            CentralLost: central does not answer, or has forgotten the task.
         """
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
         return self.sleep_until(self.time() + seconds)
 
     def sleep_until(self, moment: float) -> Any:
-        """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile
-        counts. Otherwise like ``sleep``.
+        """Sleep until a moment of ``time()``. A loop that uses it does not drift.
+
+        Errors are those of ``sleep``. In an async handler: ``await task.sleep_until(moment)``.
+
+        Args:
+            moment: the moment, in seconds of ``time()``. A moment that has passed returns at once.
+
+        Example::
+
+            moment = task.time()
+            while moving:
+                step()
+                moment += 0.02
+                task.sleep_until(moment)
         """
         connection = self._own_connection()
         if self.is_async and connection.await_moment is not None:
@@ -183,70 +267,98 @@ class Task(Sender, SteerableTask, ReportingTask):
         *,
         on: Iterable[TaskRef] = (),
     ) -> bool:
-        """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise
-        like ``sleep``.
+        """Wait until *is_over* returns true.
 
-        It looks when ``wake()`` was called, from any thread: a driver's, for example. Central takes
-        that for work of the handler's own; with *on* for a wait for changes of these tasks.
+        The library calls *is_over* at the start, and whenever a thread calls ``wake()``. Central
+        counts the wait as work of the handler. With *on*, central counts it as a wait for changes
+        of these tasks. Errors are those of ``sleep``.
+
+        Args:
+            is_over: a function without arguments.
+            timeout: the most seconds of ``time()`` to wait. Default: None, no bound.
+            on: tasks whose changes also cause a call of *is_over*. Default: none.
+
+        Returns:
+            The last value of *is_over*, as a bool.
+
+        Example::
+
+            driver.on_stop = task.wake  # called in the driver's thread
+            if not task.wait_until(lambda: driver.has_stopped, timeout=5):
+                raise STUCK()
         """
         what = f"wait_until() of {self}"
         check(what, checks.TIMEOUT, timeout=timeout)
         connection = self._own_connection()
         connection.transport.waker()
-        observed = [task._followed().request for task in on]  # noqa: SLF001 - a wait for many is made of each
+        observed = [task._followed().request for task in on]  # noqa: SLF001
         return connection.wait_until(
             is_over, what, None if timeout is None else self.time() + timeout, observed
         )
 
     def wake(self) -> None:
-        """Have ``wait_until()`` look again; from any thread, at any time."""
-        self._wakes.wake()
+        """Have ``wait_until()`` call its function again; from any thread, at any time."""
+        self._woken.wake()
 
     def shielded(self) -> AbstractContextManager[None]:
-        """A block whose waits no kill and no end of the module cuts short: for what must be done to
-        leave things safe. ``cancelled`` still tells.
+        """Start a ``with`` block whose waits are not cut short by a kill or the module's end.
+
+        Use it for the steps that leave things safe. ``cancelled`` still becomes true.
+
+        Example::
+
+            with task.shielded():
+                task.command(RETRACT).wait()
         """
         return self._own_connection().session.open_deliveries.shielded()
 
     def reply_later(self) -> LaterReply[Any]:
-        """Let somebody else reply: return this from the handler, which is then done; the message is
-        not.
+        """Return a LaterReply: the handler returns it, and another thread or callback replies.
 
-        ::
+        The message is complete when that has replied. Until then its slot stays occupied.
+
+        Returns:
+            The LaterReply; the same one at each call.
+
+        Example::
 
             @arm.handles(MOVE)
             def move(task: Task, place: Place) -> LaterReply[Footfall]:
                 later = task.reply_later()
-                driver.begin(place, later)  # its thread calls later.reply(footfall)
+                driver.start(place, later)  # its thread calls later.reply(footfall)
                 return later
         """
         connection = self._connection()
         if self.later is None:
-            connection.transport.waker()  # an answer from another thread must not wait
+            connection.transport.waker()  # so that an answer can wake this thread at once
             state = self._served() if self._task_id != ROOT else None
             self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
 
     def _served(self) -> ServerState:
+        """Return the task's state, with the requests that have arrived."""
         self._node()
         connection = self._connection()
         connection.catch_up()
         delivery, message = self._delivery, self._message
         return connection.session.open_deliveries.state_of(
             self.delivery,
-            lambda one: ServerState(connection, delivery, one, message, accepts=self._accepts),
+            lambda opened: ServerState(
+                connection, delivery, opened, message, accepts=self._accepts
+            ),
         )
 
     def check_sent(self) -> None:
-        """The handler is about to return: raises the error of a task that it has sent, if one is
-        known. If a message came directly, waits until central has spoken of all: it does not know
-        whose they are.
+        """Raise the error of a task that the handler has sent, if one is known.
+
+        It is called before the handler returns. For a direct message it waits until central has
+        acknowledged all sends: central cannot report them to that handler later.
         """
         if self._link is not None:
             self._link.settle(self._origin, wait=self.delivery < 0)
 
     def returned(self) -> None:
-        """The handler has returned: this sends nothing more."""
+        """The handler has returned: this Task sends nothing more."""
         self._link = self.later = None
 
     def _connection(self) -> Connection:
@@ -255,10 +367,11 @@ class Task(Sender, SteerableTask, ReportingTask):
         return connection
 
     def _own_connection(self) -> Connection:
-        """The handler's connection, also if central was restarted and has forgotten the task."""
+        """Return the handler's connection, even if central has forgotten the task."""
         if self._link is None:
             raise MisuseError(
-                f"{self} is used after its handler returned: send before it returns, or from the module"
+                f"{self} is used after its handler returned: "
+                "send before it returns, or from the module"
             )
         self._link.check_thread(self, "handles it", FIND_IT)
         return self._link
@@ -272,6 +385,8 @@ class Task(Sender, SteerableTask, ReportingTask):
 
     def _interval(self, interval: Interval) -> TaskInterval:
         if self._task_id == ROOT:
-            msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
-            raise MisuseError(msg)
+            raise MisuseError(
+                f"'{self.message}' is no task of the tree and has no points: "
+                "only goals and commands have"
+            )
         return TaskInterval(self._task_id, interval)

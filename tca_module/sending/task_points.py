@@ -1,5 +1,6 @@
-"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a
-constraint.
+"""Points of tasks, and the constraints that comparing them makes.
+
+``first.achieving.end <= second.planning.start`` is a constraint.
 """
 
 from typing import NoReturn
@@ -16,15 +17,15 @@ class Order(Constraint, frozen=True):
     """A constraint that was written with ``<=``."""
 
     def __bool__(self) -> bool:
-        # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one
-        # only.
+        # Python reads a <= b <= c as (a <= b) and (b <= c): the value would be the second
+        # constraint only.
         raise MisuseError(
             f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
         )
 
 
 class LaterPoint:
-    """So many seconds after a moment of a task."""
+    """A moment a number of seconds after a point of a task."""
 
     def __init__(self, point: Point, seconds: float) -> None:
         self.point, self.seconds = point, seconds
@@ -37,8 +38,13 @@ class LaterPoint:
 
 
 class TaskPoint(Point, frozen=True):
-    """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is
-    2.5 s later.
+    """A moment of a task. Comparing two of them with ``<=`` makes a constraint.
+
+    ``point + 2.5`` is 2.5 s later. ``>=`` compares, too; ``<`` and ``>`` raise MisuseError.
+
+    Example::
+
+        task.constrain(charge.achieving.end + 0.3 <= flash.achieving.start)
     """
 
     def __add__(self, seconds: float) -> LaterPoint:
@@ -58,6 +64,7 @@ class TaskPoint(Point, frozen=True):
 
 
 def _checked(point: Point) -> Point:
+    """Return *point*. Raises MisuseError if it can't be the second one of a constraint."""
     if isinstance(point, LaterPoint):
         raise MisuseError(f"{point} can't come second: write a + seconds <= b")
     check("a constraint", POINT, point=point)
@@ -71,7 +78,7 @@ _EDGES = {
 
 
 class TaskInterval:
-    """One interval of a task; ``start`` and ``end`` are its points."""
+    """One interval of a task. Its ``start`` and ``end`` are points."""
 
     def __init__(self, task_id: TaskId, interval: Interval) -> None:
         start, end = _EDGES[interval]
@@ -79,24 +86,24 @@ class TaskInterval:
 
 
 class TaskIntervals:
-    """Something with the three intervals of a task."""
+    """A thing with the three intervals of a task."""
 
     def __init__(self, task_id: TaskId) -> None:
         self._task_id = task_id
 
     @property
     def handling(self) -> TaskInterval:
-        """While its handler runs."""
+        """The interval in which its handler runs."""
         return self._interval(Interval.HANDLING)
 
     @property
     def planning(self) -> TaskInterval:
-        """While it and everything under it is being expanded into subtasks."""
+        """The interval in which it and everything under it are expanded into subtasks."""
         return self._interval(Interval.PLANNING)
 
     @property
     def achieving(self) -> TaskInterval:
-        """While it and everything under it is being done."""
+        """The interval in which it and everything under it are done."""
         return self._interval(Interval.ACHIEVING)
 
     def _interval(self, interval: Interval) -> TaskInterval:
@@ -104,6 +111,9 @@ class TaskIntervals:
 
 
 this = TaskIntervals(THIS)
-"""The task that the call will make: ``task.goal(REST, constraints=[leg.handling.end <=
-this.planning.start])``.
+"""The new task, in the constraints of the call that sends it.
+
+Example::
+
+    task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
 """

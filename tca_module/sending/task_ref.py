@@ -1,308 +1,120 @@
-"""A task of the tree, as anybody who knows its number can use it, and as its sender can."""
+"""A task of the tree, for any program that knows its number, and for its sender."""
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, Generic, NamedTuple, overload
-
-import msgspec
+from typing import Any, Generic
 
 from tca_module import checks
-from tca_module.checks import LateText, check, check_class, check_message, is_brief
+from tca_module.checks import LateText, check, is_brief
 from tca_module.errors import (
     NIL,
     BadData,
     CentralLost,
-    MisuseError,
     TaskFailed,
     TaskKilled,
     Timeout,
 )
 from tca_module.following.followed_task import (
     FollowedTask,
-    NamedTask,
     decode_progress,
     life_cycle_of,
 )
-from tca_module.following.observation import News, is_progress
+from tca_module.following.observation import ObservedChange, is_progress
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import AttachmentRef, Recovery
-from tca_module.sending.task_points import TaskIntervals
+from tca_module.sending.steerable_task import SteerableTask
 from tca_module.session import given_up
-from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import Command, D, Failure, FailureRaised, Goal, Message, R
+from tca_wire.messages.declarations import Failure, Message, R
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.packets import headers
 from tca_wire.points import Point, TaskId, describe_moments
 from tca_wire.text.measures import numbered
-from tca_wire.vocabulary import Outcome, Scope
+from tca_wire.vocabulary import Outcome
 
-
-class TaskInfo(NamedTuple):
-    """The state of a task, or the end of a kept one."""
-
-    id: TaskId
-    message: str
-    message_class: str
-    parent: TaskId
-    reached: list[str]
-    """Its moments that are past, in words."""
-    held: dict[str, int]
-    """The moments that constraints hold back, and how many of them."""
-    module: str
-    """The module whose handler has it now."""
-    suspended: bool
-    killed: str
-    failure: str
-    data: bytes
-    outcome: str
-    """"" while it lives; of an ended one that is kept an ``Outcome``: "done", "done after a
-    failure", ...
-    """
-    result: bytes
-    """The handler's result, or the failure's data, of an ended task."""
-
-    @classmethod
-    def known_from(cls, row: dict[str, Any], epoch: str) -> "TaskInfo":
-        """From a row of the answer of that central."""
-        task = with_epoch(row["task"], epoch, numbered(row["message"], row["task"]))
-        parent = with_epoch(row["parent"], epoch, numbered("task", row["parent"]))
-        return cls(
-            task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:])
-        )
-
-
-FIND_IT = "in other threads connect(), and use task(number) of that"
+FIND_IT = "other threads connect() themselves, and find it with task(number)"
 """The remedy for a task that is used in a wrong thread."""
 
 _NO_RESULT = (
     "an exception handler resolved it, so the task is done after a failure and has no result"
 )
-_RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
 def node_of(task: "TaskRef") -> TaskId:
-    """A task as requests name it: its id may yet be unknown."""
+    """Return the task as requests name it. Its id may not be known yet."""
     return task._node()  # noqa: SLF001
 
 
-class SteerableTask(TaskIntervals, NamedTask):
-    """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look
-    at its relatives.
-
-    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
-    effect, False if the task had ended. Promises for later (``on_termination``, ``keep``) raise
-    Refused ("too late").
-    """
-
-    @property
-    def id(self) -> TaskId:
-        """The task's number, as in the journal."""
-        return self._task_id
-
-    # --- stopping ---------------------------------------------------------------------------------
-
-    def kill(
-        self,
-        why: str = "",
-        *,
-        delay: float = 0,
-        after: Point | None = None,
-        scope: Scope = Scope.TASK,
-    ) -> bool:
-        """End the task and everything under it: at once, *delay* seconds from now, or *after* a
-        point. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN,
-        AFTER).
-
-        Running handlers are told and woken from their waits, but not interrupted. Returns False if
-        the task had ended; a killed task whose handler still runs has not.
-        """
-        what = self._doing("killing")
-        check(what, checks.TEXT, why=why)
-        check(what, checks.SECONDS, delay=delay)
-        check(what, checks.SCOPE, scope=scope)
-        check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(
-            headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), "killing"
-        )
-
-    @overload
-    def on_termination(
-        self, message: Goal[None] | Command[None, Any], data: None = None
-    ) -> None: ...
-    @overload
-    def on_termination(self, message: Goal[D] | Command[D, Any], data: D) -> None: ...
-    def on_termination(self, message: Goal[Any] | Command[Any, Any], data: Any = None) -> None:
-        """Send *message* if the task is killed after its start, to leave things safe (TDL: ON
-        TERMINATE).
-
-        It is sent at once and may run beside handlers that have yet to return, unless both share a
-        resource of capacity 1. The tasks that follow wait for it. Raises Refused ("too late") if
-        the task has ended.
-        """
-        check_class(message, Goal, Command, call="on_termination")
-        body = message.encode_data(data)
-        header = headers.Send(0, message.name, self._node(), self._origin, when_killed=True)
-        self._connection().declare(message)
-        self._connection().call(header, self._doing("on termination of"), body)
-
-    def deadline(self, seconds: float, point: Point | None = None) -> bool:
-        """Raise the failure "timeout" on the task if *point* (its end) is not reached within
-        *seconds* from now.
-
-        Every deadline counts: a later one extends nothing. Returns False if the point's task had
-            ended or been killed.
-        """
-        what = self._doing("a deadline of")
-        check(what, checks.DURATION, seconds=seconds)
-        check(what, checks.POINT_OR_NONE, point=point)
-        header = headers.Deadline(0, point or self.achieving.end, seconds, self._origin)
-        return self._steer(header, "a deadline of")
-
-    # --- failures ---------------------------------------------------------------------------------
-
-    def fail(self, failure: FailureRaised) -> bool:
-        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running
-        handler goes on. Returns False if the task had ended or been killed.
-        """
-        if not isinstance(failure, FailureRaised):
-            hint = (
-                f"'{failure.name}' is only declared, call it"
-                if isinstance(failure, Failure)
-                else "COLLISION(data)"
-            )
-            raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
-        header = headers.Raise(
-            0, self._node(), failure.name, failure.text, failure.kinds, self._origin
-        )
-        return self._steer(header, f"raising '{failure.name}' on", failure.body)
-
-    @overload
-    def retry(self, message: Message[None, Any] | None = None, data: None = None) -> bool: ...
-    @overload
-    def retry(self, message: Message[D, Any], data: D) -> bool: ...
-    def retry(self, message: Message[Any, Any] | None = None, data: Any = None) -> bool:
-        """Kill all under the task, except monitors of others, and handle it again, when that and
-        the calling exception handler have ended. With its *message* it gets new *data*. Returns
-        False if the task had ended or been killed.
-        """
-        if message is not None:
-            check_message(message)
-        elif data is not None:
-            raise MisuseError(
-                f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)"
-            )
-        if message is not None and message.name != self.message:
-            raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
-        body = message.encode_data(data) if message is not None else b""
-        header = headers.Retry(0, self._node(), message is not None, self._origin)
-        return self._steer(header, "a retry of", body)
-
-    # --- suspending -------------------------------------------------------------------------------
-
-    def suspend(self) -> bool:
-        """Start nothing more of the task and its subtasks. Handlers are told. False if the task had
-        ended.
-        """
-        return self._steer(headers.Suspend(0, self._node(), origin=self._origin), "suspending")
-
-    def resume(self) -> bool:
-        """Let a suspended task go on; does no harm to one that was not. Returns False if the task
-        had ended.
-        """
-        return self._steer(
-            headers.Suspend(0, self._node(), resume=True, origin=self._origin), "resuming"
-        )
-
-    # --- kept tasks -------------------------------------------------------------------------------
-
-    def keep(self) -> None:
-        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), until
-        ``release()``, until this module leaves, or until the task above is forgotten: ``info()``,
-        ``data()``, ``wait()`` and ``parent()`` still answer, and ``kept()`` of the task above lists
-        it. Its constraints and the tasks under it are not kept.
-
-        At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too
-        late") if the task has ended. Beyond 64 MiB the oldest records are forgotten, with all under
-        them.
-        """
-        self._steer(headers.Keep(0, self._node(), origin=self._origin), "keeping")
-
-    def release(self) -> None:
-        """Undo ``keep`` for this module; does no harm to a task that was not kept."""
-        self._steer(headers.Keep(0, self._node(), release=True, origin=self._origin), "releasing")
-
-    def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """The ended tasks under it that are kept, in the order of their ends."""
-        return [handle for _, handle in self._relatives("kept", message)]
-
-    # --- relatives --------------------------------------------------------------------------------
-
-    def info(self) -> TaskInfo | None:
-        """The state of the task; None if it has ended and is not kept."""
-        return next((info for info, _ in self._relatives("self")), None)
-
-    def data(self, message: Message[D, Any]) -> D:
-        """The task's data. Raises MisuseError if it has ended or is another message."""
-        check_message(message)
-        info = self.info()
-        if info is None or info.message != message.name:
-            raise MisuseError(
-                f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
-            )
-        return message.decode_data(info.data)
+class TaskNode(SteerableTask):
+    """A task of the tree, with its relatives."""
 
     def parent(self) -> "TaskRef | None":
-        """The task above it; None at the top, or if it has ended."""
-        return next((handle for _, handle in self._relatives("parent")), None)
+        """Return the task above it; None for a top-level task, or if the task has ended."""
+        return next(iter(self._relatives("parent")), None)
 
     def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Its living children, oldest first; of one *message* or name only."""
-        return [handle for _, handle in self._relatives("children", message)]
+        """Return its living children, oldest first.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("children", message)
 
     def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """The tasks above it, nearest first."""
-        return [handle for _, handle in self._relatives("ancestors", message)]
+        """Return the tasks above it, nearest first.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("ancestors", message)
 
     def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """The living tasks under it, parents first."""
-        return [handle for _, handle in self._relatives("descendants", message)]
+        """Return the living tasks under it, parents before children.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("descendants", message)
+
+    def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
+        """Return the ended tasks under it that are retained, in the order of their ends.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+        """
+        return self._relatives("kept", message)
 
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
-    ) -> "Iterator[tuple[TaskInfo, TaskRef]]":
-        check(LateText(lambda: f"the tasks of {self}"), checks.MESSAGE_OR_NAME, message=message)
-        name = message.name if isinstance(message, Message) else message or ""
-        header = headers.Inspect(0, self._node(), relation, name)
-        asked = _RELATIONS.get(relation, relation)
-        what = LateText(
-            lambda: (
-                f"the question for the {f'{asked} of {self._in_words}' if self._node() else 'tasks'}"
-            )
-        )
-        connection = self._connection()
-        request = connection.answered(header, what)
-        for row in msgspec.msgpack.decode(request.answers[-1][1]):
-            info = TaskInfo.known_from(row, request.epoch)
-            yield info, TaskRef(connection, info.message, info.id, self._origin)
-
-    def _steer(self, header: headers.ToCentral, doing: str, body: bytes = b"") -> bool:
-        """Call central; whether that changed anything: else it answers with id 0. *doing* says what
-        is done to it.
-        """
-        return bool(self._connection().call(header, self._doing(doing), body))
+    ) -> "list[TaskRef]":
+        """Return the tasks in a *relation* to this one, of one *message* or name only."""
+        return [
+            TaskRef(self._connection(), info.message, info.id, self._origin)
+            for info in self._inspect(relation, message)
+        ]
 
 
-class TaskRef(SteerableTask, FollowedTask["Change"]):
-    """A task of the tree: wait for it, follow its state, give it a new goal, cancel, kill, suspend
-    or retry it, raise a failure on it, look at its relatives.
+class TaskRef(TaskNode, FollowedTask["Change"]):
+    """A task of the tree: wait for it, follow it, steer it, inspect it.
+
+    ``user.tasks()`` and ``user.task()`` find one. A TaskRef belongs to the thread that sent or
+    found the task. Other threads connect themselves, and find the task by its number.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
-    effect, False if the task had ended. Promises for later (``on_failure``, ``on_termination``,
-    ``keep``) raise Refused ("too late").
+    effect, False if the task had ended. ``on_failure``, ``on_termination`` and ``keep``, which
+    promise something for later, raise Refused ("too late") instead.
+
+    Attributes:
+        message: the name of the task's message.
+
+    Example::
+
+        for walking in user.tasks(WALK):
+            walking.kill("the battery is low")
+            print(walking.wait(timeout=10))
     """
 
     def __init__(
@@ -312,25 +124,25 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         self._link = connection
         self.message = message
         self._origin = origin
-        self._end: tuple[headers.Answer, bytes] | None = (
-            None  # how it ended, once that has been waited for
-        )
+        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, if known
 
     def __repr__(self) -> str:
         return numbered(self.message or "task", self.id)
 
     @property
     def id(self) -> TaskId:
-        """The task's number, as in the journal. Of a task that was just sent, waits until central
-        has told it.
+        """The task's number, as in the journal.
+
+        For a task that was just sent, the first use waits until central has assigned the number,
+        and raises Refused if central refused the task.
         """
         if isinstance(self._task_id, SentId):
             self._task_id = TaskId(self._task_id.known)
         return self._task_id
 
     @property
-    def _in_words(self) -> str:
-        """The task for people, with its id if that is known: nobody waits for it."""
+    def _description(self) -> str:
+        """The task for people, with its id if that is known. Never waits for the id."""
         task = self._task_id
         return task.what if isinstance(task, SentId) else str(self)
 
@@ -338,54 +150,86 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         self._link.check_thread(self, "sent or found it", FIND_IT)
         return self._link
 
-    def _as_change(self, news: News) -> "Change":
-        return Change(news, self, self._link.declared(self.message))
+    def _as_change(self, observed: ObservedChange) -> "Change":
+        return Change(observed, self, self._link.declared(self.message))
 
     # --- its end ----------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait until the task has ended; its outcome. Raises Timeout.
+        """Wait until the task has ended, and return its outcome.
 
-        ``Outcome.RESOLVED`` is *done after a failure*: an exception handler has resolved the
-        failure.
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            ``Outcome.DONE``, ``FAILED``, ``KILLED``, or ``RESOLVED``: *done after a failure*, which
+            an exception handler has resolved.
+
+        Raises:
+            Timeout: the task has not ended in time; the text says what it waits for.
+            Refused: central refused the task; or "too late": central no longer knows its outcome.
+            Deadlock: in a handler: the wait would never end.
+            CentralLost: central does not answer, or has forgotten the task.
+            TaskKilled: in a handler, once: the handler's own task was killed.
+            Stopped: in a handler, once: its module ends.
+
+        Example::
+
+            if user.goal(WALK, path).wait(timeout=60) is Outcome.FAILED:
+                print("the walk failed")
         """
-        return self._ended(timeout)[0].outcome
+        return self._await_end(timeout)[0].outcome
 
     def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another, is reached:
-        ``leg.wait_for(leg.handling.end)``. Raises Timeout.
+        """Wait until a point, of this task or another one, is reached.
 
-        Returns the state of the point's task: a task that is killed reaches all its points at once.
+        A killed task reaches all its points at once.
+
+        Args:
+            point: the point, such as ``leg.handling.end``.
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The outcome of the point's task at that time: ``Outcome.DONE`` if the task has neither
+            failed nor been killed.
+
+        Raises:
+            Timeout: the point was not reached in time.
+            Refused, Deadlock, CentralLost, TaskKilled, Stopped: as for ``wait``.
+
+        Example::
+
+            leg.wait_for(leg.handling.end, timeout=5)
         """
-        return self._reached(point, timeout)[0].outcome
+        return self._await_point(point, timeout)[0].outcome
 
-    def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
+    def _await_end(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
+        """Wait until the task has ended, and return central's answer."""
         if self._end is None:
-            self._end = self._reached(self.achieving.end, timeout)
+            self._end = self._await_point(self.achieving.end, timeout)
             if self._mirror is not None:
-                self._mirror.hear_end()
+                self._mirror.receive_end()
         return self._end
 
-    def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        brief = is_brief(self._doing("the wait for"), timeout)
-        request = self._ask(point, blocking=True, brief=brief, is_awaited=True)
-        with self._called_back():
-            what = LateText(lambda: f"the wait for {self._words_of(point)}")
+    def _await_point(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
+        """Wait until a point is reached, and return central's answer."""
+        brief = is_brief(self._action("the wait for"), timeout)
+        request = self._request_point(point, blocking=True, brief=brief, is_awaited=True)
+        with self._recalled_if_lost():
+            what = LateText(lambda: f"the wait for {self._describe_point(point)}")
             is_over = self._connection().wait(request, timeout, what)
         if not is_over:
             why = self._connection().give_up(request)
             where = f": {why}" if why else ""
             raise Timeout(
-                f"{self._words_of(point)} was not reached within {timeout:g} s{where}",
+                f"{self._describe_point(point)} was not reached within {timeout:g} s{where}",
                 can_wait=True,
             )
         return request.answers[-1]
 
     @contextmanager
-    def _called_back(self) -> Iterator[None]:
-        """A wait in which a task of which central has said nothing yet is called back, if it can't
-        be waited for.
-        """
+    def _recalled_if_lost(self) -> Iterator[None]:
+        """Recall a task that can't be waited for, if central has not acknowledged it."""
         try:
             yield
         except CentralLost as error:
@@ -399,16 +243,16 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             fate = f"{task.what} {given_up.fate_of(self._link.session, task.request)}"
             raise CentralLost(f"{error}; {fate}") from None
 
-    def _ask(
+    def _request_point(
         self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
     ) -> Request:
-        """Ask to be told when a point is reached."""
-        check(self._doing("the wait for"), checks.POINT, point=point)
+        """Ask central to report when a point is reached."""
+        check(self._action("the wait for"), checks.POINT, point=point)
         header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
         return self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
 
-    def _words_of(self, point: Point) -> str:
-        """A point for people: nobody waits for the id of its task."""
+    def _describe_point(self, point: Point) -> str:
+        """Return a point for people. Never waits for the id of its task."""
         if isinstance(point.task, SentId) and not point.task.request.is_over:
             return f"{describe_moments(point.moment)[0]} of {point.task.what}"
         return f"{point} ('{self.message}')" if point.task == self._node() else str(point)
@@ -422,36 +266,70 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         *,
         maximum: int | None = None,
     ) -> AttachmentRef:
-        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most
-        *maximum* times (None: any number); see ``on_failure`` of Sender.
+        """Attach an exception handler, for failures of the task and of the tasks below it.
+
+        Args:
+            failure: the failure that it handles; None for any failure.
+            handler: the ExceptionHandler. It must accept the failure's data, see
+                ``Sender.on_failure``.
+            maximum: how often it may be called for this task. Default: None, any number.
+
+        Returns:
+            The AttachmentRef; its ``remove()`` detaches the handler.
+
+        Raises:
+            Refused: "too late": the task has ended.
+            MisuseError: *handler* can't accept the failure's data.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            leg = task.command(MOVE_LEG, 3)
+            leg.on_failure(COLLISION, RAISE_LEG, maximum=2)
         """
-        wanted = Recovery(failure, handler, maximum=maximum).attachment
+        attachment = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
-        header = headers.Attach(0, wanted, self._node(), origin=self._origin)
-        number = self._connection().call(header, self._doing(f"attaching '{handler.name}' to"))
+        header = headers.Attach(0, attachment, self._node(), origin=self._origin)
+        number = self._connection().call(header, self._action(f"attaching '{handler.name}' to"))
         return AttachmentRef(self._connection(), number, header)
 
 
 class Change:
-    """A change of a task's state; or, if *is_late*, how it stood when the observer came."""
+    """A change of a task's state, as observers see it; or, if *is_late*, the state that they found.
 
-    def __init__(self, news: News, task: TaskRef, message: Message[Any, Any] | None) -> None:
-        change = news.change
+    Attributes:
+        task: the task.
+        message: the name of its message.
+        serial: the number of changes of the task's state, this one included.
+        state: the task's state after the change; "" if it ended while this program had no
+            connection.
+        transition: the transition that led to the state; "" if *is_late*.
+        by: the ``Party`` that made the transition: client, server or central.
+        module: the module of that client or server.
+        text: the reason, for people.
+        is_late: whether this is the state that the observer found, not a change that it saw.
+        is_over: whether the task has ended.
+        outcome: the task's ``Outcome`` if it has ended; None otherwise, or if it is unknown.
+        missed: the number of changes before this one that this observer did not see.
+    """
+
+    def __init__(
+        self, observed: ObservedChange, task: TaskRef, message: Message[Any, Any] | None
+    ) -> None:
+        change = observed.change
         self.task = task
-        self.message = change.message  #: its name
-        self.serial = change.serial  #: the number of changes of this task, this one included
-        self.state = (
-            change.state
-        )  #: the task's, from now on; "" if it ended while nobody here heard central
-        self.transition = change.transition  #: by which it came to that; "" if *is_late*
-        self.by = change.by  #: client, server or central
-        self.module = change.module  #: the client's or server's
-        self.text = change.text  #: the reason, for people
+        self.message = change.message
+        self.serial = change.serial
+        self.state = change.state
+        self.transition = change.transition
+        self.by = change.by
+        self.module = change.module
+        self.text = change.text
         self.is_late = change.is_late
-        self.is_over = change.is_over  #: the task has ended
-        self.outcome = change.outcome  #: how, then; None if nothing here heard central meanwhile
-        self.missed = news.missed  #: the number of changes before this one that were not seen here
-        self._news = news
+        self.is_over = change.is_over
+        self.outcome = change.outcome
+        self.missed = observed.missed
+        self._observed = observed
         self._message = message
 
     def __repr__(self) -> str:
@@ -459,25 +337,25 @@ class Change:
 
     @cached_property
     def goal(self) -> Any:
-        """The task's data; as plain values if its message is not declared here."""
-        return self._goal_of(self._news.change.goal)
+        """The task's data; plain values if its message is not declared here."""
+        return self._goal_of(self._observed.change.goal)
 
     @cached_property
     def data(self) -> Any:
-        """What came with it: the goal that a client asks for, an intermediate result (the newest,
-        if *is_late*), the result, or the data of the failure. None if nothing did.
+        """The data of the change; None without any.
+
+        For a request of a client, they are the new goal. For an intermediate result, they are that
+        result; if *is_late*, the newest one. At the end, they are the task's result, or the data of
+        its failure.
         """
-        data, message = self._news.change.data, self._message
-        if is_progress(self._news):
+        data, message = self._observed.change.data, self._message
+        if is_progress(self._observed):
             return decode_progress(message, data)
         if not self.is_over:
             return self._goal_of(data)
-        is_result = message is not None and self.state == life_cycle_of(message).done
-        return (
-            message.decode_reply(data)
-            if message is not None and is_result and data
-            else decode_untyped(data)
-        )
+        if message is not None and data and self.state == life_cycle_of(message).done:
+            return message.decode_reply(data)
+        return decode_untyped(data)
 
     def _goal_of(self, data: bytes) -> Any:
         return (
@@ -487,17 +365,23 @@ class Change:
         )
 
 
-def change_of(connection: Connection, news: News, origin: int = 0) -> Change:
-    """A change of any task's state, as its observers see it."""
-    name = news.change.message
-    return Change(news, TaskRef(connection, name, news.task, origin), connection.declared(name))
+def change_of(connection: Connection, observed: ObservedChange, origin: int = 0) -> Change:
+    """Return a change of any task's state, as its observers see it."""
+    name = observed.change.message
+    return Change(
+        observed, TaskRef(connection, name, observed.task, origin), connection.declared(name)
+    )
 
 
 class SentTask(TaskRef, Generic[R]):
-    """A task that was sent. Its points, such as ``sent.achieving.end``, are for constraints.
+    """A task that was sent; ``goal()`` and ``command()`` return it.
 
-    In an async handler ``await sent`` gives what ``sent.result()`` does; ``asyncio.timeout`` limits
-    the wait.
+    Use its points, such as ``sent.achieving.end``, in constraints. In an async handler ``await
+    sent`` returns the result, as ``sent.result()`` does; ``asyncio.timeout`` limits that wait.
+
+    Example::
+
+        footfall = user.command(MOVE_LEG, 3).result(timeout=10)
     """
 
     def __init__(
@@ -507,14 +391,34 @@ class SentTask(TaskRef, Generic[R]):
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after
-        *timeout* s.
+        """Wait until the task has ended, and return the handler's result.
 
-        A task that is done after a failure has none. Then this returns None, or raises TaskFailed
-        if its message declares a result.
+        A task that is *done after a failure* has no result. Then ``result()`` returns None, or
+        raises TaskFailed if the message declares a result.
+
+        Args:
+            timeout: the most seconds to wait. Default: None, no bound.
+
+        Returns:
+            The result; None for a goal.
+
+        Raises:
+            TaskFailed: the task failed; the error has the failure's name and data.
+            TaskKilled: the task was killed. In a handler, also, once: its own task was killed.
+            Timeout: the task has not ended in time.
+            Refused: central refused the task.
+            BadData: central no longer retains the result.
+            Deadlock, CentralLost, Stopped: as for ``wait``.
+
+        Example::
+
+            try:
+                footfall = task.command(MOVE_LEG, 3).result(timeout=10)
+            except TaskFailed as error:
+                print(error.failure, error.data)
         """
         is_new = self._end is None
-        answer, body = self._ended(timeout)
+        answer, body = self._await_end(timeout)
         if is_new and not answer.outcome.lets_go_on:
             self._connection().mark_told()
         return self._result(answer, body)
@@ -522,16 +426,17 @@ class SentTask(TaskRef, Generic[R]):
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:
             point = self.achieving.end
-            request = self._ask(point, blocking=False)
-            with self._called_back():
-                what = LateText(lambda: f"the wait for {self._words_of(point)}")
+            request = self._request_point(point, blocking=False)
+            with self._recalled_if_lost():
+                what = LateText(lambda: f"the wait for {self._describe_point(point)}")
                 yield from self._connection().until_over(request, what)
             self._end = request.answers[-1]
             if self._mirror is not None:
-                self._mirror.hear_end()
+                self._mirror.receive_end()
         return self._result(*self._end)
 
     def _result(self, answer: headers.Answer, body: bytes) -> R:
+        """Return the result in an answer, or raise the error that it reports."""
         if answer.outcome is Outcome.FAILED:
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
@@ -549,5 +454,7 @@ class SentTask(TaskRef, Generic[R]):
         except BadData as error:
             if body:
                 raise
-            msg = f"the result of {self} is no longer kept: call result() sooner after its end ({error})"
-            raise BadData(msg) from None
+            raise BadData(
+                f"central no longer retains the result of {self}: "
+                f"call result() sooner after its end ({error})"
+            ) from None

@@ -1,8 +1,7 @@
-"""The state of a task as those who work on it know it, and what clients ask of that: a new goal,
-the task's end.
+"""A task's state on its server's side, and the requests of clients: a new goal, the task's end.
 
-The table of its life cycle says what the handler may do; what it may not is refused here, as far as
-the handler has looked at what clients have asked for. Where they were faster central decides
+The table of the task's life cycle says what the handler may do; anything else is refused here. The
+check knows the requests that the handler has read. If a client was faster, central decides
 (tca_central/life_cycles).
 """
 
@@ -28,19 +27,36 @@ from tca_wire.vocabulary import Party
 
 
 class TaskRequest:
-    """A client has taken a transition of the task, such as "update" or "cancel": accept or reject
-    it. It is open until then, or until another one overtakes it.
+    """A request of a client, such as "update" or "cancel": ``accept()`` or ``reject()`` it.
+
+    It is a transition of the task that the client has taken. It stays open until the handler
+    answers, or until another request overtakes it.
+
+    Attributes:
+        transition: the name of the transition.
+        goal: the new goal of an update; None for other requests.
+        why: the client's reason; "" without one.
+        serial: the number of changes of the task's state, this one included.
+
+    Example::
+
+        for request in task.requests():
+            if request.transition == "cancel":
+                stop_motors()
+                request.accept()
+                return None
+            request.reject("only a cancel is possible")
     """
 
     def __init__(
         self, served: "ServerState", row: Transition, header: Requested, goal: Any
     ) -> None:
         self.transition = header.transition
-        self.goal = goal  #: the new one, of an update; else None
-        self.why = header.text  #: the client's reason
+        self.goal = goal
+        self.why = header.text
         self.serial = header.serial
         self.row = row
-        self.is_given = False  #: a wait has given it to the handler
+        self.is_delivered = False  #: a wait has returned it to the handler
         self._served = served
 
     def __repr__(self) -> str:
@@ -48,153 +64,169 @@ class TaskRequest:
 
     @property
     def is_open(self) -> bool:
-        """Whether it waits for the handler's word. Never waits."""
+        """Whether it waits for the handler's answer. Never waits."""
         return self._served.is_open(self)
 
     def accept(self, goal: Any = None) -> bool:
-        """Grant it: the new goal is the task's, or the task ends as cancelled, and its handler
-        should return. Returns False if another request has overtaken it.
+        """Grant the request: the new goal becomes the task's, or the task ends as cancelled.
 
-        With *goal* that one is the task's, in place of the one asked for: where an update names
-        only what changes. Raises BadData if it is no data of the task.
+        After a cancel, the handler should return.
+
+        Args:
+            goal: for an update, the goal that the task gets instead of the requested one; useful if
+                an update names only what changes. Default: None, the requested goal.
+
+        Returns:
+            False if another request has overtaken this one.
+
+        Raises:
+            BadData: *goal* does not fit the task's message.
+            MisuseError: *goal* is given, and the request is no update.
         """
         return self._served.accept(self, goal)
 
     def reject(self, why: str = "") -> bool:
-        """Refuse it: the task goes on as it was, and the client is told why. Returns what
-        ``accept`` does.
+        """Refuse the request: the task continues as before, and the client gets the reason.
+
+        Args:
+            why: the reason, for people. Default: "".
+
+        Returns:
+            False if another request has overtaken this one.
+
+        Raises:
+            MisuseError: the task's life cycle does not allow to reject it.
         """
         return self._served.reject(self, why)
 
 
 class ServerState:
-    """The state of a task that is being handled; from any thread."""
+    """The state of a task that is being handled. Any thread may use it."""
 
     def __init__(
         self,
         connection: Connection,
         delivery: Deliver,
-        one: OpenDelivery,
+        opened: OpenDelivery,
         message: Message[Any, Any],
         *,
         accepts: bool,
     ) -> None:
+        """*accepts*: the handler itself accepts the task."""
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
-        self.is_conversing = False  #: a Server has methods for requests: no wait gives them
-        self.on_stop: Callable[[], Callable[[], object] | None] = lambda: (
-            None
-        )  #: refers to what hears of the stop
-        self._is_begun_by_refusal = False
-        self._serial = 0  # the newest that a client's transition had
+        self.is_conversing = False  #: a Server's methods answer requests: no wait returns them
+        #: A weak reference to the function that is called when the task is stopped.
+        self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None
+        self._is_started_by_refusal = False
+        self._serial = 0  # of the newest transition of a client
         self._open: list[TaskRequest] = []  # oldest first
         self._connection = connection
         self._message = message
-        self.delivery = one  #: of its handler
+        self.delivery = opened  #: of its handler
         self._what = numbered(message.name, delivery.task)
         epoch = connection.session.epoch
         self._task = with_epoch(delivery.task, epoch, self._what)
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
-        self._awaited = Request(
-            Observe(0), b"", wants_answer=True
-        )  # stands for what clients may ask of it
-        self._awaited.path = (
-            self  # so no deadlock is seen in a wait for it: clients may come from outside
-        )
-        one.on_request += (self._wake,)
+        # A stand-in for the clients' requests, which a coroutine can await. Its path hides the wait
+        # from the search for deadlocks: any client may end it.
+        self._awaited = Request(Observe(0), b"", wants_answer=True)
+        self._awaited.path = self
+        opened.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what
 
     def abandon(self, _: Request) -> None:
-        """A wait for what clients ask for has ended: there is nothing to give up."""
+        """Do nothing: a wait for requests has ended, and central need not know."""
 
     def _wake(self) -> None:
+        """Wake the coroutine that waits for requests."""
         if self._awaited.wakes is not None:
             self._awaited.wakes()
 
-    # --- what clients ask for ---------------------------------------------------------------------
+    # --- requests of clients ----------------------------------------------------------------------
 
     @property
     def state(self) -> str:
         """The task's state."""
-        self._look()
+        self._read_requests()
         return self._state
 
     @property
     def is_over(self) -> bool:
-        """Whether the task has been stopped as a client wanted."""
+        """Whether the task has been stopped at a client's request."""
         return self.life_cycle.is_over(self._state)
 
     @property
     def can_reject(self) -> bool:
-        """Whether a request can be refused in the task's state."""
+        """Whether the handler can refuse a request in the task's state."""
         return self.life_cycle.refusal(self._state) is not None
 
     @property
     def oldest(self) -> TaskRequest | None:
-        """The oldest open request."""
-        self._look()
+        """The oldest open request; None without any."""
+        self._read_requests()
         return next(iter(self._open), None)
 
     def is_open(self, request: TaskRequest) -> bool:
-        """Whether a request waits for the handler's word."""
-        self._look()
+        """Whether a request waits for the handler's answer."""
+        self._read_requests()
         return request in self._open
 
     @property
     def has_new(self) -> bool:
-        """Whether there is one that no wait has given yet."""
+        """Whether there is a request that no wait has returned yet."""
         if self.is_conversing:
             return False
-        self._look()
-        return any(not one.is_given for one in self._open)
+        self._read_requests()
+        return any(not request.is_delivered for request in self._open)
 
     def take_new(self) -> TaskRequest | None:
-        """The oldest open request that no wait has given yet."""
+        """Return the oldest open request that no wait has returned yet; None without any."""
         with self._lock:
-            self._look()
-            found = next((one for one in self._open if not one.is_given), None)
-            if found is not None:
-                found.is_given = True
-            return found
+            self._read_requests()
+            request = next((one for one in self._open if not one.is_delivered), None)
+            if request is not None:
+                request.is_delivered = True
+            return request
 
-    def _look(self) -> None:
-        """The handler looks at what has come."""
+    def _read_requests(self) -> None:
+        """Read the requests that have arrived."""
         with self._lock:
             while self.delivery.requested:
                 header, body = self.delivery.requested.popleft()
-                if header.serial > self._serial:  # else central has said it twice
-                    self._hear(header, body)
+                if header.serial > self._serial:  # otherwise central has sent it twice
+                    self._apply_request(header, body)
 
-    def _hear(self, header: Requested, body: bytes) -> None:
+    def _apply_request(self, header: Requested, body: bytes) -> None:
+        """Make the client's transition, and add the request to the open ones."""
         cycle, self._serial = self.life_cycle, header.serial
         rows = (one for one in cycle.transitions if one.name == header.transition)
         row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
         self._state = row.target
-        self._open = [
-            one for one in self._open if not self._wants_answer(one)
-        ]  # it overtakes those
+        # The new request overtakes those that wait for an answer.
+        self._open = [one for one in self._open if not self._needs_answer(one)]
         try:
             goal = self._message.decode_data(body) if body else None
-        except BadData as error:  # of a program that does not use this library
+        except BadData as error:  # the client does not use this library
             self._connection.log.warning("%s is rejected: %s", f"'{row.name}' of {self}", error)
             if (refusal := cycle.refusal(row.target)) is not None:
-                self._take(refusal, str(error))
+                self._apply(refusal, str(error))
             return
         self._open.append(TaskRequest(self, row, header, goal))
 
-    def _wants_answer(self, request: TaskRequest) -> bool:
-        """Whether the client waits for the handler's word in a state of its own."""
+    def _needs_answer(self, request: TaskRequest) -> bool:
+        """Whether the task is in a state that only the handler's answer ends."""
         cycle, state = self.life_cycle, request.row.target
         return cycle.ends_on_request(state) or bool(cycle.grant(state) or cycle.refusal(state))
 
     def accept(self, request: TaskRequest, goal: Any) -> bool:
-        """Grant a request, with another goal if that is not None; False if it is no longer open."""
+        """Grant a request, with *goal* in place of its own. False if it is no longer open."""
         is_goal = request.row.effect is Effect.NEW_GOAL
         if goal is not None and not is_goal:
-            raise MisuseError(f"{request} is for no goal: accept() it without one")
+            raise MisuseError(f"{request} has no goal: accept() it without one")
         body = b"" if goal is None else self._message.encode_data(goal)
         with self._lock:
             if request not in self._open:
@@ -202,11 +234,11 @@ class ServerState:
             self._open.remove(request)
             row = self.life_cycle.grant(self._state) if is_goal else self._row_with(Effect.STOP)
             if row is not None:
-                self._take(row, body=body)
+                self._apply(row, body=body)
             return True
 
     def reject(self, request: TaskRequest, why: str) -> bool:
-        """Refuse a request; False if it is no longer open."""
+        """Refuse a request. False if it is no longer open."""
         with self._lock:
             if request not in self._open:
                 return False
@@ -216,50 +248,55 @@ class ServerState:
                     f"{request} can't be rejected: {self.life_cycle} has no transition for that"
                 )
             self._open.remove(request)
-            self._is_begun_by_refusal = request.row.source == self.life_cycle.initial
-            self._take(row, why)
+            self._is_started_by_refusal = request.row.source == self.life_cycle.initial
+            self._apply(row, why)
             return True
 
-    # --- what the handler does --------------------------------------------------------------------
+    # --- transitions of the handler ---------------------------------------------------------------
 
-    def begin(self) -> None:
-        """Accept the task, unless it is begun because a cancel that came before that was
-        refused.
-        """
+    def accept_task(self) -> None:
+        """Accept the task, unless the refusal of an early cancel has started it."""
         with self._lock:
-            if not self._is_begun_by_refusal:
-                self.take(self.life_cycle.accepted.name)
-            self._is_begun_by_refusal = False
+            if not self._is_started_by_refusal:
+                self.take_transition(self.life_cycle.accepted.name)
+            self._is_started_by_refusal = False
 
-    def take(self, name: str, why: str = "", body: bytes = b"") -> None:
-        """Take a transition of the server's."""
+    def take_transition(self, name: str, why: str = "", body: bytes = b"") -> None:
+        """Make a transition of the server."""
         with self._lock:
             cycle = self.life_cycle
             row = cycle.step(self._state, name, Party.SERVER)
             if row is None:
-                raise MisuseError(self._not_now(name))
+                raise MisuseError(self._why_impossible(name))
             if cycle.is_over(row.target) and row.effect is not Effect.STOP:
                 raise MisuseError(
                     f"'{name}' ends {self}: its handler returns, or raises a failure, instead"
                 )
             if row.effect is not Effect.RESULT:
-                self._open = [one for one in self._open if not self._wants_answer(one)]
-            self._take(row, why, body)
+                self._open = [one for one in self._open if not self._needs_answer(one)]
+            self._apply(row, why, body)
 
-    def _not_now(self, name: str) -> str:
+    def _why_impossible(self, name: str) -> str:
+        """Explain why the server can't make a transition now."""
         cycle = self.life_cycle
         if name not in (names := cycle.names(Party.SERVER)):
-            return f"the handler of {self} can't take '{name}': {cycle} has for servers: {quoted(names)}"
+            return (
+                f"the handler of {self} can't take '{name}': "
+                f"{cycle} has for servers: {quoted(names)}"
+            )
         sources = quoted(cycle.sources(name, Party.SERVER), " or ")
         advice = ""
         if name == cycle.accepted.name:
-            advice = "; a task is accepted when its handler gets it, unless that is declared with accepts=True"
+            advice = (
+                "; a task is accepted when its handler gets it, "
+                "unless the handler is declared with accepts=True"
+            )
         elif self._state == cycle.initial:
             advice = "; accept() it first"
         return f"{self} is '{self._state}': '{name}' is possible while it is {sources}{advice}"
 
     def report(self, body: bytes) -> None:
-        """Tell of an intermediate result; one of a task that has just been stopped is dropped."""
+        """Report an intermediate result, which is dropped if the task has just been stopped."""
         with self._lock:
             if self.is_over:
                 return
@@ -269,21 +306,23 @@ class ServerState:
                     f"{self} can't report(): {self.life_cycle} has no transition for results"
                 )
             row = self._row_with(Effect.RESULT) or rows[0]
-            self.take(row.name, body=body)
+            self.take_transition(row.name, body=body)
 
     def stop(self, why: str = "") -> None:
-        """End the task as its client wants."""
+        """End the task at its client's request."""
         with self._lock:
-            self._look()
+            self._read_requests()
             row = self._row_with(Effect.STOP)
             if row is None:
                 raise MisuseError(
-                    f"{self} is '{self._state}', and nobody has asked for its end: return, or fail"
+                    f"{self} is '{self._state}', and no client has asked for its end: "
+                    "return, or fail"
                 )
             self._open.clear()
-            self._take(row, why)
+            self._apply(row, why)
 
     def _row_with(self, effect: Effect) -> Transition | None:
+        """Return a transition with *effect* out of the present state; None without any."""
         rows = (
             row
             for row in self.life_cycle.transitions
@@ -291,7 +330,8 @@ class ServerState:
         )
         return next(rows, None)
 
-    def _take(self, row: Transition, why: str = "", body: bytes = b"") -> None:
+    def _apply(self, row: Transition, why: str = "", body: bytes = b"") -> None:
+        """Make a transition of the server, and report it to central."""
         self._state = row.target
         header = ChangeState(0, self._task, row.name, self._serial, why, self._origin)
         send = partial(self._connection.send_change, header, body, f"'{row.name}' of {self}")
@@ -303,7 +343,7 @@ class ServerState:
             stopped()
 
     def _send_late(self, send: Callable[[], object]) -> None:
-        """Another thread wants it."""
+        """Send a change that another thread made. The connection's thread calls this."""
         try:
             send()
         except CentralLost as error:
@@ -312,47 +352,61 @@ class ServerState:
     # --- waiting ----------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None) -> TaskRequest | None:
-        """The next request that no wait has given yet; None after so many seconds."""
+        """Wait for the next request that no wait has returned yet; None after *timeout* seconds."""
         connection = self._connection
-        connection.attend()  # also if there is no time to wait
+        connection.attend()  # reads what has arrived, also with a timeout of 0
         moment = None if timeout is None else connection.transport.time() + timeout
         connection.wait_until(lambda: self.has_new, f"a request to {self}", moment)
         return None if self.is_conversing else self.take_new()
 
-    async def come(self) -> TaskRequest:
-        """The same in a coroutine, without end."""
+    async def next_request(self) -> TaskRequest:
+        """Await the next request that no wait has returned yet, without a timeout."""
         waiting = self._connection.until_over(
             self._awaited, f"a request to {self}", lambda: self.has_new
         )
         await awaited(waiting)
-        found = self.take_new()
-        assert found is not None
-        return found
+        request = self.take_new()
+        assert request is not None
+        return request
 
 
 class ReportingTask:
-    """A task that somebody works on: its handler, or whoever owes its reply."""
+    """A task on its server's side: for its handler, or for the LaterReply that owes its reply."""
 
     _message: Message[Any, Any]
 
     def _served(self) -> ServerState:
-        """The task's state. Raises MisuseError for what is no task."""
+        """Return the task's state. Raises MisuseError for a message that is no task."""
         raise NotImplementedError
 
     @property
     def state(self) -> str:
-        """The task's state, as far as is known here. Never waits."""
+        """The task's state, as far as this program knows. Never waits."""
         return self._served().state
 
     def accept(self) -> None:
-        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early
-        cancel was rejected, that has begun it, and this says nothing more.
+        """Accept the task, in a handler that is declared with ``accepts=True``.
+
+        It does nothing if an early cancel was rejected: that has started the task.
+
+        Raises:
+            MisuseError: the handler has accepted the task already, or is not declared so.
         """
-        self._served().begin()
+        self._served().accept_task()
 
     def report(self, data: Any = None) -> None:
-        """Tell those who follow the task of an intermediate result, of the type *progress* of its
-        message. Does not wait. Raises BadData.
+        """Report an intermediate result to the observers of the task. Does not wait.
+
+        Args:
+            data: the result, of the type *progress* of the message. Default: None.
+
+        Raises:
+            BadData: *data* does not fit the type.
+            MisuseError: the message is no task, or declares no *progress*.
+
+        Example::
+
+            task.report(Feel(force=2.5))
         """
         message = self._message
         if not isinstance(message, TaskMessage):
@@ -362,7 +416,8 @@ class ReportingTask:
         served = self._served()
         if data is not None and message.progress.kind is type(None):
             raise MisuseError(
-                f"{message.title} is declared without progress=, and report() was given {data!r:.60}"
+                f"{message.title} is declared without progress=, "
+                f"and report() was given {data!r:.60}"
             )
         try:
             body = message.progress.encode(data)
@@ -373,33 +428,46 @@ class ReportingTask:
         served.report(body)
 
     def take(self, transition: str, why: str = "") -> None:
-        """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises
-        MisuseError for one that is no server's, or not possible in the task's state.
+        """Make a server's transition of the task's own life cycle.
+
+        Args:
+            transition: the transition's name.
+            why: the reason, for people. Default: "".
+
+        Raises:
+            MisuseError: the transition is not the server's, or not possible in the task's state.
+
+        Example::
+
+            task.take("paused")
         """
         check(f"take() of {self}", NAME, transition=transition)
         check(f"'{transition}' of {self}", TEXT, why=why)
-        self._served().take(transition, why)
+        self._served().take_transition(transition, why)
 
     @property
     def request(self) -> TaskRequest | None:
-        """The oldest open request of a client, if there is one: for handlers that say in ``takes=``
-        what they hear. Never waits.
+        """The oldest open request of a client; None without any. Never waits.
+
+        It is for handlers that declare in ``takes=`` which requests they decide about.
         """
         return self._served().oldest
 
 
 class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
-    """What clients ask of a task, each once: ``for`` waits for each, in async handlers ``async
-    for``. The task's end, and that of the module, raise TaskKilled and Stopped, or CancelledError.
+    """The requests of clients of a task, to iterate over: each once.
+
+    ``for`` waits for each; in an async handler use ``async for``. The task's kill raises
+    TaskKilled, and the module's end Stopped; in an async handler both raise CancelledError.
     """
 
     def __init__(self, served: ServerState) -> None:
         self._served = served
 
     def __next__(self) -> TaskRequest:
-        found = self._served.wait(None)
-        assert found is not None
-        return found
+        request = self._served.wait(None)
+        assert request is not None
+        return request
 
     async def __anext__(self) -> TaskRequest:
-        return await self._served.come()
+        return await self._served.next_request()

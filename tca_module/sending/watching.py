@@ -1,4 +1,4 @@
-"""Watching tasks, from any Sender: their states, exception handlers, wiretaps and monitors."""
+"""The part of a Sender that finds and watches tasks, with exception handlers and monitors."""
 
 from collections.abc import Collection
 from typing import Annotated, Any, TypedDict, Unpack, overload
@@ -34,19 +34,7 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """The options of a watching monitor (TCA 8.5: CreateMonitorOptions). None is as if not given.
-
-    Args:
-        period: seconds, above 0, between a polling monitor's tests of its condition.
-        maximum: the number of actions after which it ends.
-        fire_every: an action is sent once in this number of times that the condition holds, or it
-            is fired.
-        initial_wait: a polling monitor tests first after one period, not at once.
-        duration: seconds, above 0, after which it ends.
-        until: the point at which it ends.
-        waited_for: its parent waits for its end, which something must bring about: for a goal that
-            is over when the monitor has acted.
-    """
+    """The options of a monitor that watches, also as a listener; see ``MonitorOptions``."""
 
     period: Annotated[float, checks.DURATION_OR_NONE]
     maximum: Annotated[int | None, checks.MAXIMUM]
@@ -58,14 +46,22 @@ class Watched(TypedDict, total=False):
 
 
 class MonitorOptions(Watched, total=False):
-    """All options of a new monitor: those of ``Watched``, and its relation to its siblings.
+    """The options of a new monitor (TCA 8.5: CreateMonitorOptions).
 
     Args:
-        period, maximum, fire_every, initial_wait, duration, until, waited_for: see ``Watched``.
-        sequential: a point monitor tests after the sibling before it has been achieved. Default:
+        period: the seconds, above 0, between a polling monitor's tests. A polling monitor needs it.
+        maximum: the number of actions after which the monitor ends. Default: None, no bound.
+        fire_every: send an action only each n-th time that the condition holds, or the monitor is
+            fired. Default: 1.
+        initial_wait: a polling monitor tests first after one period, not at once. Default: False.
+        duration: the seconds, above 0, after which the monitor ends. Default: None, no bound.
+        until: the point at which the monitor ends. Default: None, no bound.
+        waited_for: the parent waits for the monitor's end, which *maximum*, *duration*, *until* or
+            a call of ``end()`` must bring about. Default: False.
+        sequential: a point monitor tests after its previous sibling has been achieved. Default:
             True.
-        constraints: other constraints; ``this`` stands for the new monitor.
-        suspended: it is created suspended, and watches only after ``resume()`` of its handle.
+        constraints: more constraints, in which ``this`` stands for the new monitor. Default: none.
+        suspended: create it suspended; it watches after ``resume()``. Default: False.
     """
 
     sequential: Annotated[bool, checks.FLAG]
@@ -83,8 +79,9 @@ TASK = checks.instance_of("a task that was sent or found, such as tasks(WALK)[0]
 
 
 def checked_states(call: str, message: object, states: Collection[str]) -> list[str]:
-    """The states of which an observer wants to hear. Raises MisuseError for one that the message's
-    tasks never have.
+    """Return the states that an observer asks for as a list.
+
+    Raises MisuseError for a state that the message's tasks never have.
     """
     check(call, _STATES, states=states)
     check(call, checks.MESSAGE_OR_NAME, message=message)
@@ -99,21 +96,43 @@ class WatchingServices(CentralServices):
     # --- finding ----------------------------------------------------------------------------------
 
     def task(self, task_id: int) -> TaskRef | None:
-        """The task of that number; None if it has ended and is not kept. Raises Refused if there
-        has never been one.
+        """Find a task by its number.
+
+        Args:
+            task_id: the number, as in the journal.
+
+        Returns:
+            The TaskRef; None if the task has ended and is not retained.
+
+        Raises:
+            Refused: there has never been a task of that number.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            if moving := user.task(12):
+                moving.kill("the driver says stop")
         """
         check("task()", checks.NUMBER, task_id=task_id)
         info = TaskRef(self._connection(), "", TaskId(task_id)).info()
-        return (
-            TaskRef(self._connection(), info.message, info.id, self._origin)
-            if info is not None
-            else None
-        )
+        if info is None:
+            return None
+        return TaskRef(self._connection(), info.message, info.id, self._origin)
 
     def sent_task(self, message: Message[Any, R], task_id: int, epoch: str = "") -> SentTask[R]:
-        """The task of that number that an earlier run of this program has sent, to wait for its
-        end: ``task.id`` was written down. Raises CentralLost if *epoch*, ``task.id.epoch``, is not
-        that of this central; its ``wait()`` raises Refused ("too late") if it ended long ago.
+        """Return a task that an earlier run of this program has sent, to wait for its end.
+
+        If it ended long ago, its ``wait()`` raises Refused ("too late").
+
+        Args:
+            message: the task's goal or command.
+            task_id: the task's number, which the earlier run stored: ``task.id``.
+            epoch: the central that assigned the number: ``task.id.epoch``. Default: "", the present
+                one.
+
+        Raises:
+            CentralLost: this is another central than *epoch*.
+            MisuseError: *message* is no goal or command.
         """
         check("sent_task()", checks.NUMBER, task_id=task_id)
         check("sent_task()", checks.TEXT, epoch=epoch)
@@ -126,14 +145,25 @@ class WatchingServices(CentralServices):
         return SentTask(connection, message, number, self._origin)
 
     def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
-        """The living tasks (of one *message*, or its name), parents first, at most 10,000 (TCA 8.5:
-        ChildByName).
+        """Return the living tasks, parents before children, at most 10,000 (TCA 8.5: ChildByName).
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+
+        Raises:
+            CentralLost: central does not answer.
+
+        Example::
+
+            for walking in user.tasks(WALK):
+                walking.suspend()
         """
         return TaskRef(self._connection(), "root", ROOT, self._origin).descendants(message)
 
     def time(self) -> float:
-        """The seconds of the clock on which callbacks are due and handlers sleep: it never jumps,
-        and a test may step it.
+        """Return the seconds of the clock of callbacks and sleeps.
+
+        It never jumps; a test may step it.
         """
         return self._connection().transport.time()
 
@@ -145,29 +175,45 @@ class WatchingServices(CentralServices):
         below: TaskRef | None = None,
         timeout: float | None = None,
     ) -> Stream[Change]:
-        """The changes of state of tasks, whoever sends and handles them: those of a *message*, or
-        of what is *below* a task, or of all. First comes how each living one stands (``is_late``),
-        then each change as it happens; and so again after a restart of central. It ends with the
-        task *below* which it observes. With *states*, only changes to one of these come, and none
-        is counted as missed.
+        """Observe the changes of state of tasks, of any sender and handler.
 
-        ::
+        First comes the present state of each living task (``is_late``), then each change as it
+        happens. After a restart of central the present states come again. The stream ends with the
+        task *below* which it observes.
+
+        Args:
+            message: only tasks of this message or name. Default: None, all.
+            states: only changes to one of these states. The others then do not count as missed.
+                Default: all states.
+            below: only tasks below this one. Default: None, the whole tree.
+            timeout: the most seconds that a step of the iteration waits. Default: None, no bound.
+
+        Returns:
+            A Stream of Changes. Close it, or use it in a ``with`` block.
+
+        Raises:
+            MisuseError: tasks of *message* never have one of the *states*, or another argument is
+                wrong.
+            Timeout: from the iteration: no change came in time.
+            CentralLost: central does not answer.
+
+        Example::
 
             with user.observe(GRASP) as changes:
                 for change in changes:
                     print(change.task, change.state)
         """
-        wanted = checked_states("observe()", message, states)
+        wanted_states = checked_states("observe()", message, states)
         check("observe()", TASK.or_none(), below=below)
         connection = self._declare(message) if isinstance(message, Message) else self._connection()
         name = message.name if isinstance(message, Message) else message or ""
         under = node_of(below) if below is not None else ROOT
         what = LateText(lambda: f"the states of '{name}'" if name else "the states of tasks")
-        header = Observe(0, TaskId(0), name, under, wanted, self._origin)
+        header = Observe(0, TaskId(0), name, under, wanted_states, self._origin)
         observation, origin = Observation(connection, header, what), self._origin
         return Stream(
             observation,
-            lambda news: change_of(connection, news, origin),
+            lambda observed: change_of(connection, observed, origin),
             lambda _: True,
             "a change of state",
             timeout,
@@ -181,10 +227,20 @@ class WatchingServices(CentralServices):
         before: float | None = None,
         why: str = "",
     ) -> int:
-        """Cancel the living tasks that this Sender has sent, as ``cancel()`` of each does: of one
-        *message*, or sent *before* that moment of ``time()``; the number of them. It knows the
-        newest 10,000 that it has sent. Tasks whose life cycle has no such transition are left
-        alone.
+        """Cancel the living tasks that this Sender has sent, as ``cancel()`` of each does.
+
+        It remembers the newest 10,000 tasks. Tasks whose life cycle has no cancel are not affected.
+
+        Args:
+            message: only tasks of this message. Default: None, all.
+            before: only tasks that were sent before this moment of ``time()``. Default: None, all.
+            why: the reason, for people. Default: "".
+
+        Returns:
+            The number of cancelled tasks.
+
+        Raises:
+            CentralLost: central does not answer.
         """
         if message is not None:
             check("cancel_all()", checks.MESSAGE, message=message)
@@ -200,7 +256,7 @@ class WatchingServices(CentralServices):
         living = {int(task.id) for task in self.tasks(message)} if sent else set()
         number = 0
         for kind, task in sent:
-            if _may_live(task, living, connection) and cancels_of(
+            if _may_be_living(task, living, connection) and cancels_of(
                 life_cycle_of(connection.declared(kind))
             ):
                 TaskRef(connection, kind, task, self._origin).cancel(why)
@@ -217,29 +273,46 @@ class WatchingServices(CentralServices):
         of: Message[Any, Any] | TaskRef | None = None,
         maximum: int | None = None,
     ) -> AttachmentRef:
-        """Let *handler* handle *failure* (None: any) of all tasks of a message, of one task and
-        those below it, or (of=None) of all tasks, at most *maximum* times for each task it is
-        attached to (None: any number, but its retry of a task that has been handled 100 times is
-        refused, and the search continues further out).
+        """Attach an exception handler: *handler* handles *failure*.
 
-        The search goes from the failing task up: on each task its own exception handlers come
-            first, then those of its
-        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). The same
-            pair attached again
-        replaces the first.
+        The search for an exception handler goes from the failing task up the tree. On each task its
+        own exception handlers come first, then those of its message, the newest first. The root
+        comes last (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). Attaching the same
+        pair again replaces the first.
 
-        The handler gets the failure's data, or none if declared without. Raises MisuseError unless
-        its type is the same, a union with it, or a dataclass with fewer fields; for any failure,
-        None must fit too.
+        The handler gets the failure's data, or none if it is declared without data. Its data type
+        must be that of the failure, a union with it, or a dataclass with fewer fields. A handler of
+        any failure must also accept None.
+
+        Args:
+            failure: the failure; None for any failure.
+            handler: the ExceptionHandler.
+            of: a message: all its tasks. A task: that task and those below it. Default: None, the
+                root: all tasks.
+            maximum: how often *handler* may be called for each task that it is attached to.
+                Default: None, any number. Its retry of a task that has been handled 100 times is
+                refused, and the search continues.
+
+        Returns:
+            The AttachmentRef; its ``remove()`` detaches the handler.
+
+        Raises:
+            MisuseError: *handler* can't accept the failure's data, or an argument is wrong.
+            Refused: "too late": the task *of* has ended.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            planner.on_failure(COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
         """
         if isinstance(of, TaskRef):
             return of.on_failure(failure, handler, maximum=maximum)
-        wanted = Recovery(failure, handler, maximum=maximum).attachment
+        attachment = Recovery(failure, handler, maximum=maximum).attachment
         if of is not None:
             check("on_failure()", checks.FAILS, of=of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
-        header = Attach(0, wanted, ROOT, of.name if of is not None else "", self._origin)
+        header = Attach(0, attachment, ROOT, of.name if of is not None else "", self._origin)
         return AttachmentRef(
             connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header
         )
@@ -253,24 +326,44 @@ class WatchingServices(CentralServices):
         at_once: bool = False,
         **options: Unpack[Watched],
     ) -> AttachmentRef:
-        """Send *listener*, with the tapped data, whenever the condition comes true of a message or
-        task (TCA 8.5:
-        TapMessage, TapReference).
+        """Attach a wiretap: *listener* is sent when *condition* comes true for a message or task.
 
-        *Before* conditions hold their moment until the listener's task is done, *when* conditions
-        hold the end, *while* and *after* hold nothing. A monitor that listens takes *options* as in
-        ``monitor()``. A listener that nobody handles is skipped. The same wiretap of several
-        modules fires once, until each has removed it; twice from one module it is one, with the
-        newer *options*.
+        The listener gets the data of the tapped message (TCA 8.5: TapMessage, TapReference).
+        *Before* conditions hold their moment until the listener's task is done. *When* conditions
+        hold the end of the tapped task. *While* and *after* conditions hold nothing. A listener
+        without a handler is skipped. The same wiretap of several modules fires once, until each has
+        removed it. Attached again by one module, it replaces the first and its *options*.
 
-        What one task is tapped for may have happened already: then Refused ("too late") is raised,
-        or with *at_once* the listener is sent now, once (TCM: InvokeWhen). Central has the data of
-        a task that has ended only if it was kept: else the listener must be declared without data.
+        For a single task the condition may have come true already. Then the wiretap is refused
+        ("too late"), or with *at_once* the listener is sent now, once (TCM: InvokeWhen). Central
+        has the data of an ended task only if it was kept; otherwise the listener must be declared
+        without data.
 
-        A polling or demon monitor that listens *while* a task is in progress, or when it is sent,
-        hangs under that and ends with it. Raises Refused for any other that would never end, for a
-        command or monitor that is to hold a goal's planning, and for *at_once* with *before*
-        conditions or those of success, failure or reply.
+        A polling or demon monitor that listens *while* a task is in progress, or *when sent*, is
+        placed under that task and ends with it.
+
+        Args:
+            condition: a ``Condition``, such as ``Condition.BEFORE_HANDLING``.
+            tapped: the message, or one task.
+            listener: the message to send: a goal, command, inform, broadcast or monitor.
+            at_once: for one task: send the listener now if the condition has come true already.
+                Default: False.
+            options: for a monitor that listens: period, maximum, fire_every, initial_wait,
+                duration, until and waited_for of ``MonitorOptions``.
+
+        Returns:
+            The AttachmentRef; its ``remove()`` removes the wiretap.
+
+        Raises:
+            Refused: "too late"; or the listener is a monitor that would never end; or a command or
+                monitor would hold a goal's planning. With *at_once*, also: the condition is a
+                *before* condition, or one of success, failure or reply.
+            MisuseError: an argument is wrong.
+            CentralLost: central does not answer, or has forgotten the task.
+
+        Example::
+
+            safety.tap(Condition.BEFORE_HANDLING, MOVE_LEG, STABILITY_CHECK)
         """
         check("tap()", checks.CONDITION, condition=condition)
         check_message(listener)
@@ -283,7 +376,7 @@ class WatchingServices(CentralServices):
             )
         check("tap()", checks.FLAG, at_once=at_once)
         if isinstance(tapped, TaskRef):
-            connection, where = self._declare(listener), LateText(lambda: str(tapped))
+            connection, place = self._declare(listener), LateText(lambda: str(tapped))
             of = tapped.message if at_once else ""
             header = Tap(
                 0, condition, listener.name, "", node_of(tapped), watch, self._origin, at_once, of
@@ -293,12 +386,10 @@ class WatchingServices(CentralServices):
                 "tap(): at_once is for one task, such as tasks(WALK)[0], not for all of a message"
             )
         else:
-            connection, where = (
-                self._declare(listener, tapped),
-                LateText(lambda: f"'{tapped.name}'"),
-            )
+            connection = self._declare(listener, tapped)
+            place = LateText(lambda: f"'{tapped.name}'")
             header = Tap(0, condition, listener.name, tapped.name, ROOT, watch, self._origin)
-        what = LateText(lambda: f"tapping {where} with '{listener.name}'")
+        what = LateText(lambda: f"tapping {place} with '{listener.name}'")
         return AttachmentRef(connection, connection.call(header, what), header)
 
     @overload
@@ -312,9 +403,29 @@ class WatchingServices(CentralServices):
     def monitor(
         self, monitor: Monitor[Any], data: Any = None, **options: Unpack[MonitorOptions]
     ) -> MonitorRef[Any]:
-        """Start a monitor under the task being handled. A polling or demon monitor ends at the
-        latest when that waits for nothing but such monitors; one that is *waited_for* keeps it
-        until its own end (maximum, duration, until).
+        """Start a monitor under the task being handled. Returns at once.
+
+        A polling or demon monitor ends at the latest when its parent waits only for these monitors.
+        With *waited_for*, the parent waits for the monitor's own end.
+
+        Args:
+            monitor: the monitor.
+            data: its data. Default: None, for a monitor without data.
+            options: see ``MonitorOptions``: period, maximum, fire_every, initial_wait, duration,
+                until, waited_for, sequential, constraints, suspended.
+
+        Returns:
+            The MonitorRef, with ``fire()`` and ``end()``.
+
+        Raises:
+            BadData: *data* does not fit the monitor.
+            MisuseError: an option is wrong, or a polling monitor has no period.
+            Refused: as for ``goal``: its first use raises it, or the next call of this Sender.
+            CentralLost: central does not answer.
+
+        Example::
+
+            task.monitor(BATTERY_LOW, period=1.0, maximum=1)
         """
         check_class(monitor, Monitor, call="monitor")
         watch, body = _watch_options(monitor, options, MonitorOptions), monitor.encode_data(data)
@@ -356,31 +467,48 @@ class WatchingServices(CentralServices):
         action: Message[Any, Any] | None = None,
         data: Any = None,
     ) -> bool:
-        """Fire one monitor, or all that watch of a message (TCM: Activate; TCA 8.5: FireDemon);
-        whether any did.
+        """Fire one monitor, or all monitors of a message (TCM: Activate; TCA 8.5: FireDemon).
 
-        A demon monitor sends its *action*, with these data. Any other is fired without: it tests
-        its condition now, and the period of a polling monitor starts anew. Fired again during a
-        test, it tests again after that.
+        A demon monitor sends its action with *data*. Other monitors are fired without arguments.
+        They test their condition now, and the period of a polling monitor starts again. A monitor
+        that is fired during a test tests once more.
+
+        Args:
+            monitor: the monitor's message, or one monitor.
+            action: the action of a demon monitor. Default: None, for other monitors.
+            data: the action's data. Default: None.
+
+        Returns:
+            True if at least one monitor was fired.
+
+        Raises:
+            MisuseError: *action* is not the monitor's action, or *monitor* is no monitor.
+            BadData: *data* does not fit the action.
+            CentralLost: central does not answer.
+
+        Example::
+
+            user.fire(ROCKS, STOP_WALKING, rock)
         """
         if isinstance(monitor, MonitorRef):
             return monitor.fire(action, data)
         if isinstance(monitor, TaskRef):
-            which, message = node_of(monitor), ""
+            node, message = node_of(monitor), ""
         else:
             check_class(monitor, Monitor, call="fire")
             check_action(monitor.title, fired_with(monitor), action)
-            which, message = ROOT, monitor.name
+            node, message = ROOT, monitor.name
         if action is not None:
             check_message(action)
         name, body = (action.name, action.encode_data(data)) if action is not None else ("", b"")
-        connection = self._declare(*(one for one in (monitor, action) if isinstance(one, Message)))
-        header = Fire(0, which, name, self._origin, message)
+        messages = [given for given in (monitor, action) if isinstance(given, Message)]
+        connection = self._declare(*messages)
+        header = Fire(0, node, name, self._origin, message)
         return bool(connection.call(header, LateText(lambda: f"firing {monitor}"), body))
 
 
-def _may_live(task: TaskId, living: set[int], connection: Connection) -> bool:
-    """Whether a task that was sent lives, or central has said nothing of it yet."""
+def _may_be_living(task: TaskId, living: set[int], connection: Connection) -> bool:
+    """Whether a sent task is living, or central has not acknowledged it yet."""
     if isinstance(task, SentId):
         if not task.request.is_over:
             return True
@@ -391,7 +519,10 @@ def _may_live(task: TaskId, living: set[int], connection: Connection) -> bool:
 
 
 def fired_with(monitor: Monitor[Any]) -> str:
-    """The message that a monitor is fired with; "" if it tests a condition, or has no action."""
+    """Return the name of the message that a monitor is fired with.
+
+    It is "" for a monitor that tests a condition, or has no action.
+    """
     action = monitor.parts[1] if isinstance(monitor, DemonMonitor) else None
     return action.name if action is not None else ""
 
@@ -399,16 +530,12 @@ def fired_with(monitor: Monitor[Any]) -> str:
 def _watch_options(
     monitor: Monitor[Any], options: Watched | MonitorOptions, declared: type
 ) -> WatchOptions:
-    """The options as central knows them. Raises MisuseError for those that the monitor can't
-    have.
-    """
+    """Return the options as central knows them. Raises MisuseError for an unsuitable option."""
     what = monitor.title
     check_options(what, options, declared)
     for name in ("period", "initial_wait"):
         if name in options and not isinstance(monitor, PollingMonitor):
-            raise MisuseError(
-                f"{what} can't have {name}: only polling monitors test again and again"
-            )
+            raise MisuseError(f"{what} can't have {name}: only polling monitors test periodically")
     if isinstance(monitor, PollingMonitor) and options.get("period") is None:
         raise MisuseError(
             f"{what} needs period: the seconds from one test of its condition to the next"

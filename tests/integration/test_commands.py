@@ -132,8 +132,8 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [
-        (["walkk", "3"], 1, "nobody has declared a message 'walkk': did you mean 'walk'?"),
-        (["xyz"], 1, "nobody has declared a message 'xyz': see 'tca messages', and start who declares it"),
+        (["walkk", "3"], 1, "no module has declared a message 'walkk': did you mean 'walk'?"),
+        (["xyz"], 1, "no module has declared a message 'xyz': see 'tca messages', and start the module that declares it"),
         (["walk"], 2, "goal 'walk' wants data (integer), and none were given"),
         (["walk", "five"], 2, "goal 'walk' wants data of type integer: the data must be a whole number, and \"five\" is not"),
         (["walk", "3", "4"], 2, "goal 'walk' takes one value (integer), and 2 were given"),
@@ -147,7 +147,7 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
         (["tick", "--wait"], 2, "broadcast 'tick' has no end to wait for: leave --wait and --timeout out"),
         (["mode", "x"], 2, "variable 'mode' is not sent: set it with 'tca set'"),
         (["fix", "1"], 2, "exception handler 'fix' is not sent: raise its failure with 'tca raise'"),
-        (["look"], 2, "'look' is a polling monitor: declare it in Python to have it watch"),
+        (["look"], 2, "'look' is a polling monitor: declare it in Python to start it"),
         (["say", "\udcff"], 2, "inform 'say' wants data of type string: 'utf-8' codec can't encode character '\\udcff' in position 0: surrogates not allowed"),
     ],
 )  # fmt: skip

@@ -320,13 +320,13 @@ def test_who_awaits_many_tells_central_so_in_one_packet(
 ) -> None:
     asked, count, began = Query("asked", int, reply=int), 100, threading.Event()
     eyes, packets = Module("eyes", central), list[Any]()
-    taken = central.take
+    submit = central.submit
 
-    def take(connection: Any, packet: bytes) -> bool:
+    def counting(connection: Any, packet: bytes) -> bool:
         packets.append([type(header) for header, _ in unpack_to_central(packet)])
         if Await in packets[-1]:
             began.set()
-        return taken(connection, packet)
+        return submit(connection, packet)
 
     @eyes.handles(asked)
     def answer(_: Task, number: int) -> int:
@@ -337,7 +337,7 @@ def test_who_awaits_many_tells_central_so_in_one_packet(
     async def rest(task: Task) -> None:
         pending = [task.query_send(asked, number) for number in range(count)]
         packets.clear()
-        central.take = take  # type: ignore[method-assign]
+        central.submit = counting  # type: ignore[method-assign]
         assert await asyncio.gather(*pending) == list(range(count))
 
     with eyes.running(), legs.running():

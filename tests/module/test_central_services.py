@@ -101,7 +101,7 @@ def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> 
     with walkers.running(), pytest.raises(Timeout) as late:
         user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
     assert str(late.value) == (
-        "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that does, see 'tca messages'"
+        "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that handles them, see 'tca messages'"
     )
 
 
@@ -262,7 +262,7 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
         user.get_variable(MODE)
     assert (
         str(unset.value)
-        == "variable 'mode' was never set: set it first, watch it, or give a default"
+        == "variable 'mode' was never set: set it first, handle it to watch it, or give a default"
     )
     assert isinstance(unset.value, LookupError)
     assert user.get_variable(MODE, None) is None

@@ -429,7 +429,7 @@ def test_an_update_that_is_impossible_says_why(
 
 def test_a_life_cycle_without_updates_has_none(user: Client, arm: Module) -> None:
     wave = user.command(WAVE, 1)
-    with pytest.raises(MisuseError, match=r"life cycle 'basic' has none"):
+    with pytest.raises(MisuseError, match=r"life cycle 'basic' has no updates"):
         wave.update(2)
     with pytest.raises(
         MisuseError, match=r"life cycle 'basic' has no such transition; kill\(\) ends the task"
@@ -446,7 +446,7 @@ def test_a_found_task_is_updated_with_its_message(
     with connect("visitor", central) as visitor:
         (found,) = visitor.tasks("grasp")
         with pytest.raises(
-            MisuseError, match=r"a new goal of .*: say of which message it is, with message="
+            MisuseError, match=r"a new goal of .*: name the task's message, with message="
         ):
             found.update({"item": "pen"})
         with pytest.raises(MisuseError, match=r"grasp \{1\} is no 'wave'"):

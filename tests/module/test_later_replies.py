@@ -57,7 +57,7 @@ def sent(owed: Owed, user: Client, central: LocalCentral) -> SentTask[int]:
 
 def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
     owed.clear()
-    with pytest.raises(TaskFailed, match="keep it until you have called") as failed:
+    with pytest.raises(TaskFailed, match="until you have called") as failed:
         sent.result(SOON)
     assert failed.value.failure == "forgotten"
 

@@ -99,7 +99,7 @@ def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, leg
 
     @legs.handles(REST)
     def rest(task: Task) -> LaterReply[None]:
-        with pytest.raises(MisuseError, match="comes too late: declare before run"):
+        with pytest.raises(MisuseError, match="comes too late: declare it before run"):
             legs.resource("arm")
         with pytest.raises(MisuseError, match="runs already"):
             legs.run()

@@ -209,7 +209,7 @@ def test_a_module_can_be_stopped_before_central_is_there(
 ) -> None:
     central.close()
     began = threading.Event()
-    central.take = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
+    central.submit = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
     with in_thread(legs.run) as ends:
         assert began.wait(SOON)
         legs.stop()
@@ -505,7 +505,7 @@ def test_the_block_of_a_stopped_module_goes_on_as_a_client(
             assert handled_by(user) == ["older"]
             with pytest.raises(
                 MisuseError,
-                match=r"module 'legs' ends: it can begin again when its .* has been left",
+                match=r"module 'legs' is ending: leave its .* before you start it again",
             ):
                 legs.run()
             with pytest.raises(MisuseError, match="comes too late"):

@@ -146,12 +146,12 @@ def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(
         pending = user.query_send(WHERE)
         said.append(refusal(pending.receive))
     assert said == [
-        "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: in other threads connect(), \
-and use task(number) of that",
-        "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: in other threads \
-connect(), and use task(number) of that",
-        "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: in other threads \
-connect() anew",
+        "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: other threads connect() \
+themselves, and find it with task(number)",
+        "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: other threads \
+connect() themselves, and find it with task(number)",
+        "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: other threads \
+connect() themselves",
         "module 'legs' is used in thread 'driver', but belongs to thread 'MainThread', which runs it: a handler sends with its \
 task, other threads with a client of their own: connect()",
         "a connection of module 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: a \

@@ -540,9 +540,9 @@ class Counted(LocalCentral):
 
     there = back = 0
 
-    def take(self, connection: Any, packet: bytes) -> bool:
+    def submit(self, connection: Any, packet: bytes) -> bool:
         self.there += 1
-        return super().take(connection, packet)
+        return super().submit(connection, packet)
 
     def transport(self) -> LocalTransport:
         transport = super().transport()

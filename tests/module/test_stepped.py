@@ -271,9 +271,7 @@ def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
             user.command(REST)
             central.until_quiet()
             assert "returned: rest {1}: done" in central.transcript().splitlines()
-        with pytest.raises(
-            MisuseError, match=r"advance\(\) needs a clock that stands still: .*stepped=True"
-        ):
+        with pytest.raises(MisuseError, match=r"advance\(\) needs a stepped clock: .*stepped=True"):
             central.advance(1)
 
 

@@ -316,7 +316,9 @@ def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> No
         move = user.command(MOVE_LEG, 1)
         assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
         robot.central.core.memory.outcomes.clear()
-        with pytest.raises(BadData, match=r"the result of move leg \{1\} is no longer kept"):
+        with pytest.raises(
+            BadData, match=r"central no longer retains the result of move leg \{1\}"
+        ):
             move.result()
 
 

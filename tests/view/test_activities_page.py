@@ -233,7 +233,7 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
     assert post(town.key, enable) == (200, "tell joint: done")
     assert post(town.key, [])[0] == 400
     for asked, why in (
-        ({"message": "dance"}, "nobody has declared a message 'dance'"),
+        ({"message": "dance"}, "no module has declared a message 'dance'"),
         ({"message": "tell joint", "data": 7}, "wants data of type str"),
         ({"message": "states of robot"}, "states of robot"),
     ):
