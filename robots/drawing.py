@@ -1,4 +1,4 @@
-"""What drawings of robots are made of: shapes of the world in an SVG picture."""
+"""Shapes of the world in SVG pictures of robots."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ Place = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A part of a picture where y points up: lengths are the world's, and *scale* pixels are one of
-    them.
+    """A part of a picture in which y points up.
 
-    *left* and *zero* are the pixels of the world's origin. Each shape has a look, which is a class
-    of the style, and more attributes of SVG by name.
+    Lengths are in the world's unit, which is *scale* pixels long. *left* and *zero* are the pixels
+    of the world's origin. Each shape has a look, which is a class of the picture's style; *more*
+    are further SVG attributes by name.
     """
 
     left: float
@@ -23,15 +23,15 @@ class View:
     digits: int = 1
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """A place in pixels."""
+        """Return the pixels of a place."""
         return self.left + x * self.scale, self.zero - y * self.scale
 
     def line(self, look: str, places: Iterable[Place], **more: object) -> str:
-        """From place to place."""
+        """A line through the places."""
         return f'<polyline class="{look}" points="{self._points(places)}"{attributes(more)}/>'
 
     def shape(self, look: str, places: Iterable[Place], **more: object) -> str:
-        """What lies between these corners."""
+        """A polygon with these corners."""
         return f'<polygon class="{look}" points="{self._points(places)}"{attributes(more)}/>'
 
     def box(self, look: str, corner: Place, width: float, height: float, **more: object) -> str:
@@ -43,12 +43,13 @@ class View:
     def disc(self, look: str, centre: Place, radius: float, **more: object) -> str:
         """A circle."""
         x, y = self.at(centre[0], centre[1])
-        return f'<circle class="{look}"{self._pixels(cx=x, cy=y, r=radius * self.scale)}{attributes(more)}/>'
+        size = self._pixels(cx=x, cy=y, r=radius * self.scale)
+        return f'<circle class="{look}"{size}{attributes(more)}/>'
 
     def words(
         self, words: str, place: Place, right: float = 0.0, down: float = 0.0, **more: object
     ) -> str:
-        """A text, some pixels beside a place."""
+        """A text, placed *right* and *down* pixels beside a place."""
         x, y = self.at(place[0], place[1])
         return (
             f"<text{self._pixels(x=x + right, y=y + down)}{attributes(more)}>{text(words)}</text>"
@@ -63,7 +64,7 @@ class View:
 
 
 def attributes(values: dict[str, object]) -> str:
-    """Attributes of SVG; a ``_`` stands for ``-``, and may end a name that Python has taken."""
+    """Format SVG attributes. A ``_`` stands for ``-``; a last ``_`` is dropped (``class_``)."""
     return "".join(
         f' {name.rstrip("_").replace("_", "-")}="{value}"' for name, value in values.items()
     )

@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 
 class Engine:
-    """The functions of PyBullet, for one world."""
+    """The functions of PyBullet, bound to one physics world."""
 
     def __init__(self, mode: int, tick: float, **options: Any) -> None:
         self._world = pybullet.connect(mode, **options)
@@ -23,14 +23,14 @@ class Engine:
         self.setPhysicsEngineParameter(fixedTimeStep=tick)
 
     def __getattr__(self, name: str) -> Any:
-        """The function of this name; it is asked for once."""
+        """Bind the function of this name; later accesses find the attribute."""
         function = partial(getattr(pybullet, name), physicsClientId=self._world)
         setattr(self, name, function)
         return function
 
 
 class BulletWorld:
-    """A physics world of its own, with a robot in it."""
+    """A separate physics world with a robot in it."""
 
     _robot: int
     _sun: tuple[float, float, float]
@@ -40,11 +40,11 @@ class BulletWorld:
         self._engine = self.connect(tick)
 
     def connect(self, tick: float) -> Engine:
-        """A new physics world, which nobody sees."""
+        """Open a new physics world, without a window."""
         return Engine(pybullet.DIRECT, tick)
 
     def close(self) -> None:
-        """Leave the physics world."""
+        """Free the physics world."""
         self._engine.disconnect()
 
     def _load(self, urdf: str, *, is_fixed: bool = False) -> int:
@@ -63,7 +63,7 @@ class BulletWorld:
     def _frame(
         self, camera: Camera, size: tuple[int, int], ground_bodies: Sequence[int]
     ) -> Rendering:
-        """The image of a camera: colours, depths, and what is ground or an object on it."""
+        """The image of a camera: colours, depths, and masks of the ground and of objects on it."""
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
         lens = pybullet.computeProjectionMatrixFOV(
@@ -71,7 +71,7 @@ class BulletWorld:
         )
         image = self._engine.getCameraImage(
             *(width, height, view, lens),
-            shadow=0,  # the engine's own shadows leave parts of large ground dark, and are too coarse
+            shadow=0,  # the engine's shadows are coarse, and darken parts of a large ground
             lightDirection=self._sun,
             lightAmbientCoeff=self._ambient,
             lightDiffuseCoeff=0.5,
@@ -79,8 +79,8 @@ class BulletWorld:
             renderer=pybullet.ER_TINY_RENDERER,
         )
         colours, depths, bodies = (np.array(part).reshape(height, width, -1) for part in image[2:])
-        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
+        to_screen = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
         bodies = bodies[..., 0]
         ground = np.isin(bodies, ground_bodies)
         rgb = colours.astype(np.uint8)[..., :3]
-        return Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), looking, camera)
+        return Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), to_screen, camera)

@@ -1,4 +1,6 @@
-"""What the command lines of robots share. Light: programs of a robot import it, too."""
+"""Command-line options that the robots share. The programs of a robot import this file: it stays
+light.
+"""
 
 import argparse
 from collections.abc import Callable
@@ -6,7 +8,7 @@ from pathlib import Path
 
 
 def parser_of(program: str, description: str | None, out: str) -> argparse.ArgumentParser:
-    """The command line of `python -m robots.<program>`, with the option that all shows have."""
+    """A parser for `python -m robots.<program>`, with the option `--out` that all shows have."""
     parser = argparse.ArgumentParser(prog=f"python -m robots.{program}", description=description)
     parser.add_argument(
         "--out", type=Path, default=Path(out), help="folder of its files (%(default)s)"
@@ -14,13 +16,13 @@ def parser_of(program: str, description: str | None, out: str) -> argparse.Argum
     return parser
 
 
-def forwarded(options: argparse.Namespace, *names: str) -> list[str]:
-    """These options as the command line of another program has them."""
+def forwarded_arguments(options: argparse.Namespace, *names: str) -> list[str]:
+    """Format these options as arguments for another program."""
     return [f"--{name}={getattr(options, name)}" for name in names]
 
 
 def between(least: float, most: float, what: str) -> Callable[[str], float]:
-    """The type of an option that is a number in these bounds."""
+    """The type of an option with a number from *least* to *most*; *what* names it in errors."""
 
     def number(text: str) -> float:
         if not least <= float(text) <= most:

@@ -1,4 +1,4 @@
-"""Places on a plane, as whoever stands there sees them and as the world has them."""
+"""Places on a plane, in the frame of an observer who stands on it and in the world's frame."""
 
 import math
 from typing import TYPE_CHECKING, TypeVar
@@ -11,12 +11,10 @@ Number = TypeVar("Number", float, "NDArray[np.float64]")
 """A coordinate, or those of many places."""
 
 
-def placed(
+def world_place(
     x: float, y: float, heading: float, ahead: Number, left: Number
 ) -> tuple[Number, Number]:
-    """The place in the world of what is so far *ahead* and to the *left* of one who stands
-    there.
-    """
+    """The world coordinates of a place *ahead* and to the *left* of an observer at x, y."""
     cos, sin = math.cos(heading), math.sin(heading)
     return x + cos * ahead - sin * left, y + sin * ahead + cos * left
 
@@ -24,7 +22,7 @@ def placed(
 def seen_from(
     x: float, y: float, heading: float, place_x: Number, place_y: Number
 ) -> tuple[Number, Number]:
-    """How far ahead and to the left a place of the world is for one who stands there."""
+    """How far ahead and to the left of an observer at x, y a place of the world is."""
     cos, sin = math.cos(heading), math.sin(heading)
     dx, dy = place_x - x, place_y - y
     return cos * dx + sin * dy, cos * dy - sin * dx

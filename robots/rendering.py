@@ -1,5 +1,5 @@
-"""Raw renderings of a physics engine, and what all pictures make of them: shadows, lines, PNG
-files.
+"""Raw renderings of a physics engine, and the steps that turn them into pictures: shadows, lines,
+PNG files.
 """
 
 import math
@@ -17,15 +17,15 @@ Triple = tuple[float, float, float]
 
 SIZE = (960, 600)
 RENDERED = (2 * SIZE[0], 2 * SIZE[1])
-"""Twice as large, then averaged: the renderer draws hard edges."""
+"""Twice as large; the mean of four pixels then smooths the renderer's hard edges."""
 
 SHADOW = 0.58
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Where it is, what it looks at, its vertical angle of view in degrees, and what distances it
-    sees.
+    """A camera: its place, its target, its vertical angle of view in degrees, and the distances it
+    shows.
     """
 
     eye: tuple[float, float, float]
@@ -37,23 +37,25 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it,
-    the world-to-screen matrix and the camera.
+    """One rendering: RGB colours, depths (0 near to 1 far), masks of the ground and of objects on
+    it, the world-to-screen matrix and the camera.
     """
 
     colours: Pixels = field(repr=False)
     depths: Array = field(repr=False)
     ground: Mask = field(repr=False)
     objects: Mask = field(repr=False)
-    looking: Array
+    to_screen: Array
     camera: Camera
 
 
 def camera_in_the_sun(
     sun: Triple, distance: float, target: Triple, angle: float, depth: float
 ) -> Camera:
-    """What a robot hides from there lies in its shadow. *depth*: metres that are seen before and
-    behind the target.
+    """A camera in the direction *sun* from the target. Ground that a robot hides from it lies in
+    shadow.
+
+    *depth* is how many metres before and behind the target the camera shows.
     """
     eye = [
         here + distance * part / math.hypot(*sun) for here, part in zip(target, sun, strict=True)
@@ -69,13 +71,13 @@ def ground_places(frame: Rendering) -> Array:
     height, width = frame.ground.shape
     across, down = 2 * (column + 0.5) / width - 1, 1 - 2 * (row + 0.5) / height
     screen = np.stack([across, down, 2 * frame.depths[frame.ground] - 1, np.ones(len(row))])
-    world = np.linalg.inv(frame.looking) @ screen
+    world = np.linalg.inv(frame.to_screen) @ screen
     places: Array = (world[:3] / world[3]).T
     return places
 
 
 def near_multiple(values: Array, step: float, width: float) -> Mask:
-    """Where a value is nearer than *width* to a multiple of *step*."""
+    """Mask the values that are nearer than *width* to a multiple of *step*."""
     near: Mask = np.abs(values - step * np.round(values / step)) < width
     return near
 
@@ -83,7 +85,7 @@ def near_multiple(values: Array, step: float, width: float) -> Mask:
 def shadow(places: Array, from_sun: Rendering) -> Array:
     """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
     height, width = from_sun.objects.shape
-    x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
+    x, y, _, w = from_sun.to_screen @ np.vstack([places.T, np.ones(len(places))])
     column, row = (
         ((x / w + 1) / 2 * width).astype(np.intp),
         ((1 - y / w) / 2 * height).astype(np.intp),
@@ -94,15 +96,15 @@ def shadow(places: Array, from_sun: Rendering) -> Array:
 
 
 def _softened(cells: Mask) -> Array:
-    """Mean over 5 by 5 cells."""
+    """The mean over 5 by 5 cells."""
     return (
         np.asarray(Image.fromarray(255 * cells.astype(np.uint8)).filter(ImageFilter.BoxBlur(2)))
         / 255
     )
 
 
-def halved(image: Array) -> Pixels:
-    """Half the size, each pixel the mean of four."""
+def halve(image: Array) -> Pixels:
+    """Halve the size: each pixel becomes the mean of four."""
     return np.asarray(Image.fromarray(image.round().clip(0, 255).astype(np.uint8)).reduce(2))
 
 

@@ -1,4 +1,4 @@
-"""What the shows of robots share: how they are run, and pictures."""
+"""How the shows of robots are run, and how they save pictures."""
 
 import argparse
 import logging
@@ -16,28 +16,27 @@ from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
 
 
-def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], int]) -> int:
-    """Run the show with the options of the command line; the exit code."""
+def run_show(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], int]) -> int:
+    """Run the show with the options of the command line. Returns the exit code."""
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # as Ctrl-C: the programs are stopped in order
+    # SIGTERM works like Ctrl-C, so the programs are stopped in order.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return show(options)
     except OSError as error:
         parser.error(f"--out: {error}")
     except TcaError as error:
-        print(f"ended: {error}; what happened so far is in {options.out}", file=sys.stderr)
+        print(f"ended: {error}; the files so far are in {options.out}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"ended by Ctrl-C; what happened so far is in {options.out}", file=sys.stderr)
+        print(f"ended by Ctrl-C; the files so far are in {options.out}", file=sys.stderr)
         return 130
 
 
-def history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
-    """The task tree and the Gantt chart of the run. With *warn* it is said what can't be made, and
-    why.
+def draw_history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
+    """Draw the task tree and the Gantt chart of the run. Passes the error of a failed drawing to
+    *warn*.
     """
     tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
     for name, tool in tools.items():
@@ -50,7 +49,7 @@ def history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Pat
 
 
 def save_picture(path: Path, svg: str) -> list[Path]:
-    """Write it as .svg and, where that is possible, as .png; the files that were made."""
+    """Write the picture as .svg and, where possible, as .png. Returns the files written."""
     made = [path.with_suffix(".svg"), path.with_suffix(".png")]
     made[0].write_text(svg)
     try:

@@ -1,4 +1,4 @@
-"""Parts of a robot as URDF text: what the descriptions of several robots are made of."""
+"""Parts of URDF robot descriptions, as text. Several robots use them."""
 
 from collections.abc import Iterable, Mapping
 
@@ -6,7 +6,7 @@ Triple = tuple[float, float, float]
 
 
 def robot(name: str, colours: Mapping[str, Triple], parts: Iterable[str]) -> str:
-    """The whole description: what looks name as a colour, links and joints."""
+    """The whole description: the colours that visuals name, and the links and joints."""
     materials = "".join(
         f'<material name="{colour}"><color rgba="{_text(rgb)} 1"/></material>'
         for colour, rgb in colours.items()
@@ -23,8 +23,8 @@ def link(
     *,
     centre: Triple = (0, 0, 0),
 ) -> str:
-    """A body that is as heavy as a box of this size, with what it looks like and what is *solid* of
-    it.
+    """A link with the mass and inertia of a solid box of this size; *looks* are its visuals,
+    *solid* its collision shape.
     """
     x, y, z = (side * side * mass / 12 for side in size)
     moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
@@ -42,38 +42,40 @@ def joint(
     limits: tuple[float, float] | None,
     effort: float,
 ) -> str:
-    """What moves *child* against *parent*. Without *limits* it has no end; with both at 0 it would
-    be held at 0.
+    """A joint that moves *child* against *parent*.
+
+    Without *limits* the joint turns or slides without end. Limits of 0 and 0 would hold it at 0.
     """
     ends = f'lower="{limits[0]}" upper="{limits[1]}" ' if limits else ""
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{_place(origin)}'
+        f'<joint name="{name}" type="{kind}">'
+        f'<parent link="{parent}"/><child link="{child}"/>{_place(origin)}'
         f'<axis xyz="{_text(axis)}"/><limit {ends}effort="{effort}" velocity="10"/></joint>\n'
     )
 
 
 def solid_box(centre: Triple, size: Triple) -> str:
-    """A box that others run into."""
+    """The collision shape of a box."""
     return collision(centre, f'<box size="{_text(size)}"/>')
 
 
 def collision(centre: Triple, geometry: str) -> str:
-    """A shape that others run into."""
+    """A collision shape."""
     return f"<collision>{_place(centre)}<geometry>{geometry}</geometry></collision>"
 
 
 def box(centre: Triple, size: Triple, colour: str) -> str:
-    """The look of a box."""
+    """The visual of a box."""
     return _visual(_place(centre), f'<box size="{_text(size)}"/>', colour)
 
 
 def cylinder(centre: Triple, radius: float, length: float, colour: str) -> str:
-    """The look of an upright cylinder."""
+    """The visual of an upright cylinder."""
     return _visual(_place(centre), f'<cylinder radius="{radius}" length="{length}"/>', colour)
 
 
 def wheel(centre: Triple, radius: float, length: float, colour: str) -> str:
-    """The look of a cylinder that lies across."""
+    """The visual of a cylinder that lies across."""
     place = f'<origin xyz="{_text(centre)}" rpy="1.5707963 0 0"/>'
     return _visual(place, f'<cylinder radius="{radius}" length="{length}"/>', colour)
 

@@ -1,5 +1,5 @@
-"""The walk: central, the Ambler's modules and the simulator, each a process; then the pictures of
-the run.
+"""Walk the Ambler: run central, its modules and the simulator, each as a process; then draw the
+run.
 """
 
 import argparse
@@ -14,15 +14,15 @@ from robots.ambler_sim.machine.making import WITHOUT_PHYSICS, pybullet_is_instal
 from robots.ambler_sim.options import walk_options
 from robots.ambler_sim.pictures.film import why_no_film
 from robots.ambler_sim.run.walk import Walk, console
-from robots.show import shown
+from robots.show import run_show
 
 MARKER = ".ambler-walk"
-"""A file by which a folder is known to hold a walk, and locked while the walk goes on."""
+"""A file that marks a folder as holding a walk. The running walk has it locked."""
 
 
 def main() -> int:
-    """The command line; the exit code."""
-    return shown(walk_options(description=__doc__), _walk)
+    """Run the command line. Returns the exit code."""
+    return run_show(walk_options(description=__doc__), _walk)
 
 
 def _walk(options: argparse.Namespace) -> int:
@@ -34,15 +34,15 @@ def _walk(options: argparse.Namespace) -> int:
     began = time.monotonic()
     walk = Walk(options, sys.argv[1:], _fresh(options.out))
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
-    look = f"{tca} view {walk.folder}/journal"
-    console.print(f"Watch it in the browser: [bold]{look}[/bold]", soft_wrap=True)
+    view = f"{tca} view {walk.folder}/journal"
+    console.print(f"Watch it in the browser: [bold]{view}[/bold]", soft_wrap=True)
     code = walk.run()
     console.print(f"{'Ended' if code else 'Done'} after {time.monotonic() - began:.0f} s:")
     for line in walk.judge().lines():
         console.print(f"  {line}", soft_wrap=True)
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
-    console.print(f"Look at any moment again, in the browser: [bold]{look}[/bold]", soft_wrap=True)
+    console.print(f"See any moment again in the browser: [bold]{view}[/bold]", soft_wrap=True)
     return code
 
 
@@ -55,13 +55,13 @@ def _how(options: argparse.Namespace) -> str:
 
 
 def _fresh(folder: Path) -> Path:
-    """An empty folder, where only an earlier walk may have been; it is locked for as long as this
-    process lives.
+    """Return the folder, emptied. Only an earlier walk's folder is emptied; it stays locked until
+    this process ends.
     """
     marker = folder / MARKER
     if folder.exists() and any(folder.iterdir()) and not marker.exists():
         raise SystemExit(
-            f"ambler: {folder} holds something else than a walk: name another folder with --out"
+            f"ambler: {folder} holds files that are not a walk's: name another folder with --out"
         )
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -71,7 +71,7 @@ def _fresh(folder: Path) -> Path:
         )
     except BlockingIOError:
         raise SystemExit(
-            f"ambler: another walk is going on in {folder}: name another folder with --out"
+            f"ambler: another walk is running in {folder}: name another folder with --out"
         ) from None
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
@@ -82,7 +82,7 @@ def _fresh(folder: Path) -> Path:
 
 
 def without_physics(options: argparse.Namespace) -> str:
-    """Why this walk has no camera and no window; empty: it has physics, in which there are both."""
+    """Why this walk has no camera and no window; empty if it has physics, which offers both."""
     if options.backend in WITHOUT_PHYSICS:
         return f"the {options.backend} backend has no physics to look at: leave --backend out"
     return "" if pybullet_is_installed() else "it needs PyBullet, which is not installed here"

@@ -1,4 +1,4 @@
-"""What can't be planned; anything else that is raised is a failure of messages.py, or a bug."""
+"""Errors of planning. Any other error is a failure declared in messages.py, or a bug."""
 
 
 class AmblerError(Exception):
@@ -6,7 +6,7 @@ class AmblerError(Exception):
 
 
 class NoFootfall(AmblerError):
-    """No ground near the ideal foothold is fit to stand on and in reach."""
+    """No ground near the ideal foothold is within reach and fit to stand on."""
 
 
 class PathBlocked(AmblerError):
@@ -14,7 +14,7 @@ class PathBlocked(AmblerError):
 
 
 class OutOfReach(AmblerError):
-    """A pose or foothold that some leg cannot reach."""
+    """A leg cannot reach the pose or foothold."""
 
 
 class UnstableMove(AmblerError):
@@ -22,4 +22,4 @@ class UnstableMove(AmblerError):
 
 
 class NoStep(AmblerError):
-    """No leg can take a footstep from here, or the arc has been walked."""
+    """No leg can step from here, or the arc has been walked."""

@@ -1,9 +1,9 @@
-"""The Ambler's mechanism: where shoulders and feet are, which joint angles bring a foot to a point,
-and back.
+"""The Ambler's mechanism: where shoulders and feet are, and the joint values that bring a foot to a
+point.
 
-Body frame: x forward, y left, z up, origin between the two shafts at the lowest shoulder. A leg is
-orthogonal: it turns about its shaft (angle), reaches out (reach), and its vertical link goes down
-(drop), so the inverse is closed.
+Body frame: x forward, y left, z up; the origin is between the two shafts at the lowest shoulder. A
+leg is orthogonal: it turns about its shaft (angle), reaches out (reach), and its vertical link goes
+down (drop). Its inverse kinematics are therefore closed-form.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Foot, Pose, Rock, Stance
-from robots.plane import placed, seen_from
+from robots.plane import seen_from, world_place
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class Mechanism:
     """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published
-    machine; *belly* is how far the body reaches down below the lowest shoulder.
+    machine. *belly* is how far the body extends below the lowest shoulder.
     """
 
     shaft_offset: float = 1.0
@@ -48,12 +48,12 @@ class Mechanism:
 
     @property
     def mass(self) -> float:
-        """Of the whole robot."""
+        """The mass (kg) of the whole robot."""
         return self.body_mass + len(LEGS) * self.leg_mass
 
     @property
     def leg_mass(self) -> float:
-        """Of one leg with its foot."""
+        """The mass (kg) of one leg with its foot."""
         return self.shoulder_mass + self.extension_mass + self.vertical_mass + self.foot_mass
 
 
@@ -67,7 +67,7 @@ SHOULDER_Z: Array = np.array(AMBLER.shoulder_heights)
 
 
 def is_left(leg: int) -> bool:
-    """Legs 0, 1, 2 hang on the left shaft, 3, 4, 5 on the right one."""
+    """Whether a leg hangs on the left shaft (0, 1, 2), not on the right one (3, 4, 5)."""
     return leg < LEGS[3]
 
 
@@ -92,20 +92,20 @@ def unwrap(angle: float, near: float) -> float:
 
 
 def to_world(pose: Pose, points: Array) -> Array:
-    """Body-frame points (n, 3) in the world, the body being level."""
+    """Convert points (n, 3) from the frame of the level body to the world."""
     x, y, z = points.T
-    return np.stack([*placed(pose.x, pose.y, pose.heading, x, y), pose.height + z], axis=1)
+    return np.stack([*world_place(pose.x, pose.y, pose.heading, x, y), pose.height + z], axis=1)
 
 
 def to_body(pose: Pose, points: Array) -> Array:
-    """World points (n, 3) in the frame of the level body."""
+    """Convert world points (n, 3) to the frame of the level body."""
     x, y, z = points.T
     return np.stack([*seen_from(pose.x, pose.y, pose.heading, x, y), z - pose.height], axis=1)
 
 
 def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
     """The world x, y of a point given relative to the body."""
-    return placed(pose.x, pose.y, pose.heading, forward, left)
+    return world_place(pose.x, pose.y, pose.heading, forward, left)
 
 
 def distance(here: Pose | Foot, there: Pose | Foot) -> float:
@@ -118,9 +118,9 @@ def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
     return seen_from(pose.x, pose.y, pose.heading, place.x, place.y)
 
 
-def carried(before: Array, after: Array) -> tuple[float, Array]:
-    """The turn and then the shift that bring points (n, 2) nearest to where they are *after*, by
-    least squares.
+def rigid_motion(before: Array, after: Array) -> tuple[float, Array]:
+    """The turn, and the shift after it, that fit the points *before* (n, 2) onto *after* by least
+    squares.
     """
     middle, there = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - there
@@ -131,7 +131,7 @@ def carried(before: Array, after: Array) -> tuple[float, Array]:
 
 
 def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
-    """Forward: (angle, reach, drop) rows of *legs* to feet in the body frame."""
+    """Forward kinematics: (angle, reach, drop) rows of *legs* to feet in the body frame."""
     index = list(legs)
     angle, reach, drop = joints.T
     return np.stack(
@@ -141,8 +141,8 @@ def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
 
 
 def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS) -> Array:
-    """Inverse: body-frame feet to (angle, reach, drop) rows; angles are in the turn nearest to
-    *near*.
+    """Inverse kinematics: body-frame feet to (angle, reach, drop) rows, each angle in the turn
+    nearest to *near*.
     """
     index = list(legs)
     x, y = feet[:, 0], feet[:, 1] - SHAFT_Y[index]
@@ -167,8 +167,8 @@ def leg_joints(pose: Pose, foot: Foot, near: float = 0.0) -> tuple[float, float,
 
 
 def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
-    """Which (angle, reach, drop) rows the links allow with *reserve* metres to spare; shoulders
-    turn without end.
+    """Mask the (angle, reach, drop) rows that the links allow with *reserve* metres to spare.
+    Shoulders have no limits.
     """
     parts, reach, drop = AMBLER, joints[:, 1], joints[:, 2]
     in_reach = (reach >= parts.min_reach + reserve) & (reach <= parts.max_reach - reserve)
@@ -176,8 +176,8 @@ def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
 
 
 def circulating_angle(pose: Pose, foot: Foot) -> float:
-    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi: the largest of a
-    side is the rear-most.
+    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi. The rear-most leg
+    of a side has turned furthest.
 
     A leg that was stopped half way through its recovery counts as rear-most until it has passed the
     nose.

@@ -1,4 +1,4 @@
-"""The Ambler's messages: what its modules say to each other. The nouns are in vocabulary.py."""
+"""The messages between the Ambler's modules. Their data types are in vocabulary.py."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A piece of path from wherever the robot then is: *length* metres, turning left where
+    """A piece of path from the robot's place at that time: *length* metres, to the left where
     *curvature* is positive.
     """
 
@@ -35,9 +35,7 @@ class Bend:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Pieces to walk one after the other; with *ask*, somebody is asked before each but the
-    first.
-    """
+    """Pieces to walk one after the other. With *ask* the operator confirms each but the first."""
 
     bends: tuple[Bend, ...]
     ask: bool = False
@@ -45,7 +43,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class WayWalked:
-    """How far the robot has come on a path: for people, and as a share of it."""
+    """How far the robot has come on a path: as text, and as a share of the path."""
 
     text: str
     share: float
@@ -53,8 +51,8 @@ class WayWalked:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """The rest of an arc to be walked, the stance in which it will begin (foreseen, not measured),
-    and the number of the footstep that begins it.
+    """The rest of an arc, the stance in which it will begin (foreseen, not measured), and the
+    number of its first footstep.
     """
 
     arc: Arc
@@ -64,7 +62,7 @@ class Ahead:
 
 @dataclass(frozen=True, slots=True)
 class StepEnd:
-    """Where the body should be after the footstep with this number."""
+    """The pose in which the body should be after the footstep with this number."""
 
     number: int
     goal: Pose
@@ -72,7 +70,7 @@ class StepEnd:
 
 @dataclass(frozen=True, slots=True)
 class Placing:
-    """A step, and the foothold chosen for it."""
+    """A step and the foothold chosen for it."""
 
     step: Step
     foothold: Foot
@@ -80,8 +78,8 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A leg whose amplifier is to be switched on or whose joint is to be freed, by an *operator* or
-    by itself.
+    """A request to switch on a leg's amplifier or free its joint; *operator* says that an operator
+    does it.
     """
 
     leg: int
@@ -90,7 +88,7 @@ class Reset:
 
 @dataclass(frozen=True, slots=True)
 class MotionError:
-    """A leg whose joint does not follow: by how much (m or rad)."""
+    """A leg whose joint lags behind its command, and by how much (m or rad)."""
 
     leg: int
     error: float
@@ -121,10 +119,10 @@ READINGS = Query("readings", reply=Readings)
 PICTURE = Query("picture", str, reply=str)
 RANGES = Query("ranges", reply=Scan)
 
-# For who looks: SVG. Pages show variables whose names begin so.
+# SVG. Pages show variables whose names begin with "picture of".
 ROBOT_PICTURE = Variable("picture of the Ambler", str)
 
-# Care of the machine, and what spoils it.
+# Repairs and faults of the machine.
 RESET = Command("reset", Reset)
 FREE_JOINT = Command("free joint", Reset)
 CALIBRATE = Command("calibrate", int)
@@ -133,7 +131,7 @@ INJECT = Command("inject", Fault)
 FAULT_BEGAN = Broadcast("fault began", Fault)
 LOSE_PROGRAM = Command("lose program", str)
 
-# Perception: images with the numbers of footsteps, the map of them, and what was felt.
+# Perception: images numbered by footsteps, the map built from them, and obstacles that legs felt.
 ACQUIRE_IMAGE = Command("acquire image", int)
 IMAGES = Query("images", int, reply=tuple[Image, ...])
 UPDATE_MAP = Command("update map")

@@ -1,6 +1,4 @@
-"""The options of a walk. Its programs are started with all of them, and each takes what concerns
-it.
-"""
+"""The options of a walk. Each program of a walk gets all of them and uses those that concern it."""
 
 import argparse
 from enum import StrEnum
@@ -11,7 +9,7 @@ from robots.ambler_sim.vocabulary import KINDS, TERRAINS
 from robots.options import between, parser_of
 
 FARTHEST = 1500.0
-"""Metres of a walk; hills go on for a little more."""
+"""The longest walk in metres; hills reach a little further."""
 
 Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
@@ -21,13 +19,13 @@ LAYERS = tuple(
         file.stem.replace("_", " ") for file in Path(__file__).with_name("layers").glob("[!_]*.py")
     )
 )
-"""Programs that the others have never heard of: checks before and after moves, and what is done
-about failures.
+"""Programs that check moves before and after, and recover from failures. The other programs do not
+know them.
 """
 
 
 class Mode(StrEnum):
-    """How much goes on at once."""
+    """How much runs at the same time."""
 
     SEQUENTIAL = "sequential"
     AHEAD = "ahead"
@@ -35,7 +33,7 @@ class Mode(StrEnum):
 
 
 def walk_options(program: str = "", description: str | None = None) -> argparse.ArgumentParser:
-    """The command line of a walk, or of a program of it: of *program* in this package."""
+    """The command line of a walk or, with *program*, of that program in this package."""
     parser = parser_of(f"ambler_sim{program}", description, out="walk")
     add = parser.add_argument
     add(
@@ -46,13 +44,13 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
         metavar="METRES",
         help="how far to walk",
     )
-    add("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
+    add("--arcs", type=int, help="the number of arcs; by default two or more, each of about 10 m")
     add(
         "--mode",
         type=Mode,
         choices=list(Mode),
         default=Mode.CONCURRENT,
-        help="how much goes on at once: nothing; planning one step ahead; perception, too",
+        help="how much runs beside the walking: nothing; planning one step ahead; perception, too",
     )
     add("--backend", choices=BACKENDS, default="auto")
     add("--gui", action="store_true", help="show physics in PyBullet's own window")
@@ -73,14 +71,14 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
         "--rocks",
         type=int,
         default=0,
-        help="how many rocks lie on the way, which the scanner does not see",
+        help="how many rocks lie on the way; the scanner does not see them",
     )
     add(
         "--faults",
         type=kinds_of,
         default=(),
         metavar="all|KIND,...",
-        help=f"what goes wrong at random: {', '.join(KINDS)}",
+        help=f"faults that occur at random: {', '.join(KINDS)}",
     )
     add(
         "--fault",
@@ -98,7 +96,7 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
         metavar="LAYER",
         help=f"leave out a layer: {', '.join(LAYERS)}",
     )
-    add("--bare", action="store_true", help="without any layer, and without error recovery")
+    add("--bare", action="store_true", help="without layers and without error recovery")
     add(
         "--film",
         type=Path,
@@ -116,20 +114,20 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
 
 
 def kinds_of(text: str) -> tuple[str, ...]:
-    """From "all" or a list with commas. Raises ArgumentTypeError for a kind that there is not."""
+    """Parse "all" or a list with commas. Raises ArgumentTypeError for an unknown kind."""
     kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
     if wrong := [kind for kind in kinds if kind not in KINDS]:
         raise argparse.ArgumentTypeError(
-            f"there are no faults of kind {wrong[0]!r}: there are {', '.join(KINDS)}"
+            f"unknown kind of fault {wrong[0]!r}: use {', '.join(KINDS)}"
         )
     return kinds
 
 
 def fault_at(text: str) -> tuple[str, int]:
-    """A kind of fault, and the number of the leg move with which it comes."""
+    """Parse KIND@STEP: a kind of fault, and the number of the leg move with which it comes."""
     kind, _, number = text.partition("@")
     if kind not in KINDS or not number.isdecimal():
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no fault: give KIND@STEP, with a kind of {', '.join(KINDS)}"
+            f"{text!r} is not a fault: give KIND@STEP, where KIND is one of {', '.join(KINDS)}"
         )
     return kind, int(number)

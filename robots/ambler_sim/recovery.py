@@ -1,5 +1,5 @@
-"""What layers are made of: the exception handlers of the error recovery module, by the names under
-which they attach them. The modules that walk have never heard of them.
+"""Parts of the layers: the exception handlers of the error recovery module, by the names under
+which layers attach them. The modules that walk do not know them.
 """
 
 from robots.ambler_sim.vocabulary import Contact
@@ -17,12 +17,12 @@ WALK_GIVEN_UP = Failure("walk given up", str)
 
 
 def make_layer(name: str) -> Module:
-    """The module of a layer; it answers the question whether it is attached."""
+    """Make the module of a layer, with a handler for the query whether the layer is attached."""
     module = Module(f"{name} layer")
     module.handles(is_attached(name))(lambda _: True)
     return module
 
 
 def is_attached(name: str) -> Query[None, bool]:
-    """Asks a layer whether it has attached itself: a module does so before it gets any message."""
+    """The query whether a layer is attached. A module attaches itself before its first message."""
     return Query(f"{name} attached?", reply=bool)

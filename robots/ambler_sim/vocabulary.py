@@ -1,6 +1,6 @@
-"""The nouns of a walking Ambler: plain frozen data that can be sent as messages and saved as JSON.
+"""The data types of a walking Ambler: plain frozen data, sent as messages and saved as JSON.
 
-World frame: x forward at the start, y left, z up. Metres, radians, seconds, newtons throughout.
+World frame: x forward at the start, y left, z up. Units: metres, radians, seconds, newtons.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ KINDS = (
     "lost module",
     "lost central",
 )
-"""Of faults: of the machine, of the scanner, of the ground, of planners, of programs."""
+"""Kinds of faults: of the machine, the scanner, the ground, planners and programs."""
 
 TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the (level) body is: the point between the shafts at the lowest shoulder level."""
+    """The pose of the (level) body: of the point between the shafts at the lowest shoulder."""
 
     x: float
     y: float
@@ -35,7 +35,7 @@ class Pose:
 
 
 ORIGIN = Pose(0.0, 0.0, 0.0, 0.0)
-"""Where walks begin; the height comes from the ground."""
+"""The start of each walk; the ground gives its height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A path for the body: *length* metres from *start*, turning left where *curvature* (1/m) is
+    """A path for the body: *length* metres from *start*, to the left where *curvature* (1/m) is
     positive.
     """
 
@@ -72,9 +72,9 @@ class Arc:
 class Step:
     """One footstep: *leg* goes to about *ideal*, then the body to *goal*.
 
-    *support* are the body poses during which the new foothold has to stay in reach, from now until
-    it is lifted. *remaining* metres of the arc are left after the step. The height of *goal* is not
-    yet known (see gait.py).
+    The new foothold must stay in reach during the body poses *support*: from now until the foot is
+    lifted. *remaining* metres of the arc are left after the step. The height of *goal* is not yet
+    known (see gait.py).
     """
 
     leg: int
@@ -90,7 +90,7 @@ class LegMove:
     """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*,
     lower until it stands.
 
-    *sense* +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
+    *sense*: +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
     """
 
     leg: int
@@ -110,7 +110,7 @@ class BodyMove:
 
 @dataclass(frozen=True, slots=True)
 class Footfall:
-    """How a leg move ended. *load* is the vertical force on the foot; *reached* is false when the
+    """The result of a leg move. *load* is the vertical force on the foot; *reached* is false if the
     move was stopped.
     """
 
@@ -121,9 +121,11 @@ class Footfall:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A leg on its way met something: where its foot was, with what force (N) it was stopped, and
-    which way it went (a unit vector; none if it went down). Or the body (leg -1): the place is that
-    of its front.
+    """A moving leg met something: the place of its foot, the force (N) that stopped it, and its
+    direction.
+
+    The direction is a unit vector; it is zero if the leg went down. Leg -1 is the body; the place
+    is then that of its front.
     """
 
     leg: int
@@ -139,8 +141,8 @@ class Contact:
 class ElevationMap:
     """Ground heights in square cells; x grows with the row, y with the column.
 
-    *x*, *y* is the centre of the first cell. *heights* are rows*columns float32, NaN where nothing
-    is known nearby; *known* has one byte per cell: 1 measured, 0 filled in. Read them with
+    *x*, *y* is the centre of the first cell. *heights* holds rows*columns float32 values, NaN where
+    nothing is known nearby. *known* has one byte per cell: 1 measured, 0 filled in. Read them with
     elevation.heights_of and known_cells.
     """
 
@@ -155,9 +157,7 @@ class ElevationMap:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A range image turned into world points (n*3 float32), and the stance in which it was
-    taken.
-    """
+    """A range image as world points (n*3 float32), and the stance in which it was taken."""
 
     stance: Stance
     points: bytes
@@ -165,7 +165,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone through which the scanner looks; *height* is that of its top over the
+    """An upright round stone that the scanner does not see. *height* is that of its top over the
     ground around it.
     """
 
@@ -177,8 +177,10 @@ class Rock:
 
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
-    """All that is needed to make the same ground again: its kind (one of TERRAINS), its steepest
-    gradient (rise per run), rocks, and the places (x, y) where it gave way.
+    """The data that define a ground.
+
+    They are its kind (one of TERRAINS), its steepest gradient (rise per run), its rocks, and the
+    places (x, y) where it gave way.
     """
 
     seed: int = 1
@@ -190,9 +192,7 @@ class TerrainSpec:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side
-    up.
-    """
+    """The pose and tilt of the body. Positive pitch is nose down, positive roll left side up."""
 
     pose: Pose
     roll: float = 0.0
@@ -201,7 +201,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """The body's attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+    """The body's attitude, and (angle, reach, drop) of each leg. Angles count whole turns."""
 
     attitude: Attitude
     joints: tuple[tuple[float, float, float], ...]
@@ -209,9 +209,11 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The values of the robot's own sensors now: two inclinometers, six foot force sensors (NaN:
-    broken), which legs' amplifiers are on, and how far (m) each leg's relative encoder of the reach
-    is off its absolute one.
+    """The present values of the robot's own sensors.
+
+    They are two inclinometers, six foot force sensors (NaN: broken) and each leg's amplifier (on or
+    off). *encoder_offsets* (m) compare each leg's relative encoder of the reach with its absolute
+    one.
     """
 
     time: float
@@ -224,8 +226,8 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that goes wrong: what (one of KINDS), with which leg, how much of it (its kind says
-    of what), and whether only an operator can reset it.
+    """A fault: its kind (one of KINDS), its leg, its size (in a unit of its kind), and whether only
+    an operator can reset it.
     """
 
     kind: str
@@ -236,7 +238,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A place that was felt: legs should not pass it (*is_wall*), or not stand on it."""
+    """A felt obstacle: legs should not pass it (*is_wall*), or not stand on it."""
 
     x: float
     y: float
@@ -256,8 +258,8 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A range image; its *number* is greater than those of all images before, also where a program
-    has died between.
+    """A range image. Its *number* is greater than those of all earlier images, even after a program
+    was restarted.
     """
 
     number: int
@@ -266,11 +268,12 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One line of the scorer's record, made after each body move: what the robot believes, and what
-    is true.
+    """One line of the scorer's record, made after each body move: the robot's belief beside the
+    truth.
 
-    *slope* is that of the ground under the body, rise per run; *tilt* (rad) the greatest since the
-    last footstep; *margin* (m) the distance of the centre of gravity from the support's edge.
+    *slope* is that of the ground under the body, rise per run. *tilt* (rad) is the greatest since
+    the last footstep. *margin* (m) is the distance of the centre of gravity from the edge of the
+    support.
     """
 
     number: int
@@ -286,9 +289,8 @@ class Footstep:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything a new process needs to go on with the walk. *pose* is where the robot believes to
-    be, *trail* the last footholds, oldest first. *faults* are what is wrong, *armed* what is about
-    to go wrong.
+    """The state with which a new process continues the walk. *pose* is the robot's believed pose,
+    *trail* its last footholds, oldest first. *faults* are present, *armed* ones are about to begin.
     """
 
     backend: str

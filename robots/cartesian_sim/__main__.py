@@ -1,6 +1,7 @@
-"""Shows the cleaning robot: it is enabled, referenced, goes to a point and cleans the wall, while
-its activities are allocated anew, again and again. With --page it stays, for the page and its
-buttons.
+"""Show the cleaning robot: it is enabled and referenced, moves to a point and cleans the wall.
+
+While it cleans, its activities are reallocated every two seconds. With --page the show stays open
+for the page and its buttons.
 """
 
 import argparse
@@ -14,7 +15,7 @@ from pathlib import Path
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
 from robots.options import parser_of
-from robots.show import save_picture, shown
+from robots.show import run_show, save_picture
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
 from tca_behaviours.activities.page.command import activities
@@ -29,7 +30,7 @@ POLICIES = ("one_each", "automatic", "one_for_all")
 
 
 class CleaningShow:
-    """One run, with the times at which things are done."""
+    """One run, with a time for each of its lines."""
 
     def __init__(self, robot: CleaningRobot, address: str) -> None:
         self._robot, self._central = robot, address
@@ -43,41 +44,41 @@ class CleaningShow:
         return f"{time.monotonic() - self._began:7.3f} s  {text}"
 
     def say(self, text: str) -> None:
-        """One line."""
+        """Print a line with its time."""
         print(self._stamped(text), flush=True)
 
-    def run_to_its_end(self) -> int:
-        """The whole show; the exit code."""
+    def run(self) -> int:
+        """Run the whole show. Returns the exit code."""
         try:
             with connect("operator", self._central, START_TIME) as operator:
-                self._run(operator)
+                self._run_commands(operator)
         except TcaError as error:
             self.say(f"ended: {error}")
             return 1
         return 0
 
-    def _run(self, operator: Client) -> None:
-        self._done("enable", operator.command(ENABLE))
-        self._done("reference", operator.command(REFERENCE))
+    def _run_commands(self, operator: Client) -> None:
+        self._carry_out("enable", operator.command(ENABLE))
+        self._carry_out("reference", operator.command(REFERENCE))
         operator.inform(SET_SPEED, 0.8)
-        self._done("move to (1.5, 0.9)", operator.command(MOVE_TO, WallPoint(1.5, 0.9)))
+        self._carry_out("move to (1.5, 0.9)", operator.command(MOVE_TO, WallPoint(1.5, 0.9)))
         is_clean = threading.Event()
         changing = threading.Thread(target=self._keep_changing, args=[is_clean])
         changing.start()
         try:
-            self._done("clean", operator.command(CLEAN))
+            self._carry_out("clean", operator.command(CLEAN))
         finally:
             is_clean.set()
             changing.join()
-        self.say(counted(self._robot.application))
+        self.say(describe_ticks(self._robot.application))
 
-    def _done(self, text: str, sent: SentTask[None]) -> None:
+    def _carry_out(self, text: str, sent: SentTask[None]) -> None:
         self.say(text)
         sent.result()
         self.say(f"{text}: done")
 
     def _keep_changing(self, is_over: threading.Event) -> None:
-        """One policy after the other, and one activity by hand, while the robot cleans."""
+        """Set one policy after the other, and move one activity by hand, while the robot cleans."""
         messages, policies = ApplicationMessages(NAME), itertools.cycle(POLICIES)
         with connect("allocator", self._central) as allocator:
             while not is_over.wait(CHANGES):
@@ -87,33 +88,33 @@ class CleaningShow:
                     messages.move, ActivityMove("x.movement.machine", "the x axis")
                 ).result()
                 processors = self._robot.application.allocation().processors
-                self.say(f"allocated anew: {policy}, then by hand: {len(processors)} processors")
+                self.say(f"reallocated: {policy}, then by hand: {len(processors)} processors")
 
 
-def counted(application: Application) -> str:
-    """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late
-    for that.
+def describe_ticks(application: Application) -> str:
+    """Describe the number of ticks due, made and left out. Each activity has a tick per period; one
+    that is too late is left out.
     """
     figures, processors = application.figures(), application.allocation().processors
-    periods = [one.period for processor in processors for one in processor.activities]
-    due = sum(int(figures.running_for / period) + 1 for period in periods)  # the first one at once
-    ticks = sum(one.ticks for one in figures.activities)
-    late, left_out = (
-        sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out")
-    )
+    periods = [activity.period for processor in processors for activity in processor.activities]
+    # The first tick of each activity is due at once.
+    due = sum(int(figures.running_for / period) + 1 for period in periods)
+    ticks = sum(activity.ticks for activity in figures.activities)
+    late = sum(activity.overruns for activity in figures.activities)
+    left_out = sum(activity.left_out for activity in figures.activities)
     lost = due - ticks - left_out
-    told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
+    missing = "none is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
     return (
-        f"{due:,} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
-        f" {left_out:,} were left out as the next was due already, {told}"
+        f"{due:,} ticks were due in {duration(figures.running_for)}: {ticks:,} were made"
+        f" ({late:,} too late), {left_out:,} were left out because the next was due, {missing}"
     )
 
 
 def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:
-    """The wall as it is now, and the transitions of all regions."""
+    """Write a picture of the wall, and the transitions of all regions."""
     (folder / "transitions.txt").write_text("".join(f"{change}\n" for change in changes))
     made = ", ".join(path.name for path in save_picture(folder / "wall", robot.picture()))
-    print(f"made {made}, transitions.txt in {folder}; 'tca view {folder}/journal' shows the run")
+    print(f"made {made} and transitions.txt in {folder}; 'tca view {folder}/journal' shows the run")
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -123,20 +124,20 @@ def _show(options: argparse.Namespace) -> int:
         show = CleaningShow(robot, address)
         stack.enter_context(robot.application.running())
         if options.page:
-            threading.Thread(target=show.run_to_its_end, daemon=True).start()
+            threading.Thread(target=show.run, daemon=True).start()
             opens = "--no-browser" if options.no_browser else "--browser"
             activities.main(
                 [NAME, "--central", address, opens], "tca activities", standalone_mode=False
             )
             code = 0
         else:
-            code = show.run_to_its_end()
+            code = show.run()
         _save(robot, show.changes, options.out)
     return code
 
 
 def main() -> int:
-    """The command line; the exit code."""
+    """Run the command line. Returns the exit code."""
     parser = parser_of("cartesian_sim", __doc__, out="runs/cartesian")
     parser.add_argument(
         "--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C"
@@ -144,7 +145,7 @@ def main() -> int:
     parser.add_argument(
         "--no-browser", action="store_true", help="with --page: print its address only"
     )
-    return shown(parser, _show)
+    return run_show(parser, _show)
 
 
 if __name__ == "__main__":

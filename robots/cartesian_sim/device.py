@@ -1,4 +1,4 @@
-"""The device that the joints drive, simulated."""
+"""The simulated device that the joints drive."""
 
 import time
 from collections.abc import Callable
@@ -7,26 +7,26 @@ from robots.cartesian_sim.generated import DeviceBase, MotorOrder
 from robots.cartesian_sim.mechanism import Axis, CleaningMechanism
 
 LONGEST = 0.1
-"""Seconds that pass in one step at most, however late it comes."""
+"""The longest time in seconds that a step simulates, even if the step comes later."""
 
 
 class Device(DeviceBase):
-    """What the activities of Device do. Its time is that of a clock, whatever the period of the
-    simulation is.
+    """The activities of the device. Its time is that of a clock, independent of the simulation's
+    period.
     """
 
     clock: Callable[[], float] = staticmethod(time.monotonic)
 
     def take_drive_x(self, value: MotorOrder) -> None:
-        """MotorOrder the x axis."""
+        """Set the order of the motor of the x axis."""
         _drive(self.mechanism.axes["x"], value)
 
     def take_drive_y(self, value: MotorOrder) -> None:
-        """MotorOrder the y axis."""
+        """Set the order of the motor of the y axis."""
         _drive(self.mechanism.axes["y"], value)
 
     def take_drive_tool(self, value: MotorOrder) -> None:
-        """MotorOrder the axis of the tool."""
+        """Set the order of the tool's motor."""
         _drive(self.mechanism.axes["tool"], value)
 
     def switch_on(self) -> None:
@@ -35,7 +35,7 @@ class Device(DeviceBase):
         self._now = self.clock()
 
     def simulate(self) -> None:
-        """Let the time pass since the last step, and tell what the sensors say."""
+        """Simulate the time since the last step, and publish the sensor values."""
         before, self._now = self._now, self.clock()
         self.mechanism.advance(min(self._now - before, LONGEST))
         axes = self.mechanism.axes

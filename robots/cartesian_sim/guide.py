@@ -1,4 +1,4 @@
-"""The guide: it leads the joints to points of the wall, and cleans a part of it in lanes."""
+"""The guide: it leads the joints to points of the wall, and cleans a part of the wall in lanes."""
 
 import math
 
@@ -17,16 +17,16 @@ PATTERN = [
 TOOL_OUT = 0.19
 TOOL_SPEED = 0.3
 NEAR = 0.001
-"""Metres from a point."""
+"""The distance (m) from a point at which it is reached."""
 
 
 class Guide(GuideBase):
-    """What the activities of Guide do."""
+    """The activities of the guide."""
 
     # --- ports ------------------------------------------------------------------------------------
 
     def take_command(self, value: str) -> None:
-        """A command is an event: clean, stop."""
+        """Post a command (clean, stop) as an event."""
         self.post(value)
 
     def take_goal(self, value: WallPoint) -> None:
@@ -36,31 +36,31 @@ class Guide(GuideBase):
         self.post("go")
 
     def take_speed(self, value: float) -> None:
-        """Go so fast from now on."""
+        """Set the speed from now on."""
         self.data.speed = value
 
     def take_x(self, value: float) -> None:
-        """Know where the x axis is."""
+        """Store the position of the x axis."""
         self.data.x = value
 
     def take_y(self, value: float) -> None:
-        """Know where the y axis is."""
+        """Store the position of the y axis."""
         self.data.y = value
 
     def take_tool(self, value: float) -> None:
-        """Know where the tool is."""
+        """Store the position of the tool."""
         self.data.tool = value
 
     # --- travel -----------------------------------------------------------------------------------
 
     def set_out(self) -> None:
-        """Send both axes to the goal, so fast that they arrive together."""
+        """Send both axes to the goal, at speeds with which they arrive together."""
         data = self.data
         ways = data.goal_x - data.x, data.goal_y - data.y
-        whole = math.hypot(*ways)
-        if whole <= NEAR:
+        length = math.hypot(*ways)
+        if length <= NEAR:
             return
-        speeds = [max(data.speed * abs(way) / whole, NEAR) for way in ways]
+        speeds = [max(data.speed * abs(way) / length, NEAR) for way in ways]
         self.target_x.set(JointTarget(data.goal_x, speeds[0]))
         self.target_y.set(JointTarget(data.goal_y, speeds[1]))
 
@@ -71,24 +71,24 @@ class Guide(GuideBase):
     # --- cleaning ---------------------------------------------------------------------------------
 
     def go_to_first(self) -> None:
-        """Go to where the first lane begins."""
+        """Go to the start of the first lane."""
         self.data.passed = 0
-        self._go_on()
+        self._go_to_corner()
 
-    def put_tool_out(self) -> None:
+    def extend_tool(self) -> None:
         """Press the tool against the wall."""
         self.target_tool.set(JointTarget(TOOL_OUT, TOOL_SPEED))
 
-    def take_tool_back(self) -> None:
+    def retract_tool(self) -> None:
         """Take the tool off the wall."""
         self.target_tool.set(JointTarget(0.0, TOOL_SPEED))
 
     def follow(self) -> None:
-        """At each corner go on to the next."""
+        """At each corner set out for the next one."""
         if self.is_there():
             self.data.passed += 1
             if not self.is_pattern_done():
-                self._go_on()
+                self._go_to_corner()
 
     def is_tool_out(self) -> bool:
         """Whether the tool touches the wall."""
@@ -102,7 +102,7 @@ class Guide(GuideBase):
         """Whether all lanes are clean."""
         return self.data.passed >= len(PATTERN)
 
-    def _go_on(self) -> None:
+    def _go_to_corner(self) -> None:
         point = PATTERN[self.data.passed]
         self.data.goal_x, self.data.goal_y = point.x, point.y
         self.set_out()

@@ -8,33 +8,33 @@ from robots.cartesian_sim.generated import JointBase, JointTarget, MotorOrder
 from robots.cartesian_sim.mechanism import Sensed
 
 SEEKING = 0.15
-"""Metres a second towards the switch, and of any movement without a reference: the brake stops it
-before the end.
+"""The speed (m/s) towards the switch, and of any movement without a reference. The brake can stop
+it before the end.
 """
 
 LEAVING = 0.01
-"""Metres a second away from the switch."""
+"""The speed (m/s) away from the switch."""
 
 DECELERATION = 1.0
-"""Less than the motor's, so that the joint does not overshoot."""
+"""The planned deceleration, less than the motor's, so that the joint does not overshoot."""
 
 LAG = 0.06
-"""Seconds by which the movement follows what is wanted."""
+"""Seconds by which the movement lags behind the wanted speed."""
 
 EXACT = 0.0005
-"""Metres from a target that are near enough."""
+"""The distance (m) from a target at which it is reached."""
 
 STILL = 0.005
-"""Metres a second."""
+"""The speed (m/s) up to which a joint stands still."""
 
 
 class Joint(JointBase):
-    """What the activities of Joint do."""
+    """The activities of a joint."""
 
     # --- ports ------------------------------------------------------------------------------------
 
     def take_sensed(self, value: Sensed) -> None:
-        """Know where the axis is, and tell it."""
+        """Store the sensor values, and publish the position."""
         data = self.data
         data.reading, data.measured_speed, data.is_powered = (
             value.reading,
@@ -45,7 +45,7 @@ class Joint(JointBase):
         self.position.set(self._position())
 
     def take_command(self, value: str) -> None:
-        """A command is an event: enable, disable, reference, stop."""
+        """Post a command (enable, disable, reference, stop) as an event."""
         self.post(value)
 
     def take_target(self, value: JointTarget) -> None:
@@ -70,21 +70,21 @@ class Joint(JointBase):
         return self.data.at_high
 
     def is_in_range(self) -> bool:
-        """Whether no switch is."""
+        """Whether both switches are open."""
         return not (self.data.at_low or self.data.at_high)
 
     # --- axis referencing -------------------------------------------------------------------------
 
     def seek_switch(self) -> None:
-        """Go down to the switch."""
+        """Move down to the switch."""
         self._drive(-SEEKING)
 
     def leave_switch(self) -> None:
-        """Go up slowly until it opens."""
+        """Move up slowly until the switch opens."""
         self._drive(LEAVING)
 
     def set_zero(self) -> None:
-        """Take what is read where the switch has opened as 0."""
+        """Set 0 to the reading at which the switch has opened."""
         self.data.zero = self.data.reading
 
     # --- movement enabling ------------------------------------------------------------------------
@@ -106,14 +106,12 @@ class Joint(JointBase):
     # --- movement control -------------------------------------------------------------------------
 
     def approach(self) -> None:
-        """Go on to the target."""
+        """Move towards the target."""
         left = self.data.target - self._position()
         self._drive(math.copysign(min(self.data.speed, _safe(abs(left))), left))
 
     def keep_speed(self) -> None:
-        """Go on at the speed; slowly towards the end of the range, and wherever its end is not
-        known.
-        """
+        """Move at the wanted speed, but slowly near the end of the range or without a reference."""
         data, fastest = self.data, SEEKING
         if self.referencing.is_in("referenced"):
             left = data.length - self._position() if data.speed > 0 else self._position()
@@ -121,11 +119,11 @@ class Joint(JointBase):
         self._drive(math.copysign(min(abs(data.speed), fastest), data.speed))
 
     def halt(self) -> None:
-        """Come to a stop."""
+        """Stop."""
         self._drive(0.0)
 
     def may_jog(self) -> bool:
-        """Whether there is room ahead, and the joint does not look for its reference."""
+        """Whether there is room ahead and the joint does not search for its reference."""
         is_searching = self.referencing.is_in("searching")
         return not (
             is_searching
@@ -138,11 +136,11 @@ class Joint(JointBase):
         return self.data.speed < 0
 
     def goes_up(self) -> bool:
-        """Whether it leads to the upper switch."""
+        """Whether the wanted speed leads to the upper switch."""
         return self.data.speed > 0
 
     def has_arrived(self) -> bool:
-        """Whether it stands at its target."""
+        """Whether the joint stands at its target."""
         return (
             abs(self.data.target - self._position()) <= EXACT
             and abs(self.data.measured_speed) <= 2 * STILL
@@ -162,5 +160,5 @@ class Joint(JointBase):
 
 
 def _safe(left: float) -> float:
-    """The speed from which a joint stops within so many metres."""
+    """The speed from which a joint stops within *left* metres."""
     return min(math.sqrt(2 * DECELERATION * left), left / LAG)

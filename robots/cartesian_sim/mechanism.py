@@ -1,28 +1,28 @@
-"""The simulated mechanism: axes with rate limits, brakes and limit switches, and the part of the
-wall that is clean.
+"""The simulated mechanism: axes with rate limits, brakes and limit switches, and the clean part of
+the wall.
 
-It knows no clock: time passes when somebody calls ``advance``.
+It has no clock: time passes only in ``advance``.
 """
 
 import math
 from dataclasses import dataclass, field
 
 POWER_UP = 0.15
-"""Seconds from switching a motor on until its brake is open."""
+"""Seconds between switching a motor on and its brake being open."""
 
 OVERTRAVEL = 0.02
 """Metres between a limit switch and the hard stop behind it, at each end."""
 
 TOUCHES = 0.9
-"""The part of its way out from which the tool touches the wall."""
+"""The part of the tool's way out from which on it touches the wall."""
 
 APART = 0.004
-"""Metres between two points of a stroke."""
+"""The least distance (m) between two points of a stroke."""
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """What the sensors of an axis say. The reading counts from where the axis was at the start."""
+    """The sensor values of an axis. The reading counts from the axis's place at the start."""
 
     reading: float
     speed: float
@@ -50,11 +50,11 @@ class Axis:
 
     @property
     def is_powered(self) -> bool:
-        """Whether its brake is open."""
+        """Whether the brake is open."""
         return self.is_on and self.powered_for >= POWER_UP - 1e-9
 
     def advance(self, seconds: float) -> None:
-        """Let time pass: the speed follows the wanted one as fast as the motor can; the brake stops
+        """Let time pass. The speed follows the wanted one as fast as the motor can; the brake stops
         at once.
         """
         self.powered_for = self.powered_for + seconds if self.is_on else 0.0
@@ -70,7 +70,7 @@ class Axis:
             self.speed = 0.0
 
     def sensed(self) -> Sensed:
-        """What its sensors say."""
+        """The sensor values."""
         at_low, at_high = self.position < 0.0, self.position > self.length
         return Sensed(self.position - self.began_at, self.speed, self.is_powered, at_low, at_high)
 
@@ -80,17 +80,17 @@ Stroke = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Scene:
-    """What is to be seen of the robot."""
+    """The visible state of the robot."""
 
     x: float
     y: float
     tool: float
     strokes: tuple[Stroke, ...]
-    """Where the tool has wiped."""
+    """The wiped lines."""
 
 
 class CleaningMechanism:
-    """Two axes that carry a tool along a wall, and a third one that presses it against it."""
+    """Two axes that carry a tool along a wall, and a third one that presses it to the wall."""
 
     def __init__(self) -> None:
         self.axes = {
@@ -110,7 +110,7 @@ class CleaningMechanism:
             self._lift()
 
     def scene(self) -> Scene:
-        """What is to be seen."""
+        """The visible state."""
         x, y, tool = (axis.position for axis in self.axes.values())
         return Scene(x, y, tool, tuple(stroke for stroke in self._strokes if stroke))
 
@@ -123,7 +123,7 @@ class CleaningMechanism:
             self._strokes.append(())
 
     def _wipe(self, here: tuple[float, float]) -> None:
-        """Draw on; a point between two others on a straight line is left out."""
+        """Extend the stroke. A point between two others on a straight line is left out."""
         stroke = self._strokes.pop() if self._strokes else ()
         if stroke and math.dist(stroke[-1], here) < APART:
             self._strokes.append(stroke)
@@ -136,5 +136,5 @@ class CleaningMechanism:
 def _is_straight(
     start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
 ) -> bool:
-    """Whether the way by *middle* is as long as the way without it."""
+    """Whether the way through *middle* is as long as the direct way."""
     return math.dist(start, middle) + math.dist(middle, end) - math.dist(start, end) < 1e-5

@@ -1,5 +1,5 @@
-"""What the robot's user may ask for. Commands end when they are done; informs wait for no command
-before them.
+"""The requests of the robot's user. Commands end when they are done; informs do not wait for
+earlier commands.
 """
 
 import msgspec
@@ -25,7 +25,7 @@ class JointMove(msgspec.Struct, frozen=True):
 
 
 class JointSpeed(msgspec.Struct, frozen=True):
-    """Move a joint at a speed, in metres a second, until it is told to stop or its range ends."""
+    """Move a joint at a speed, in metres a second, until it is stopped or its range ends."""
 
     joint: str
     speed: float
@@ -40,10 +40,10 @@ CLEAN = Command("clean wall")
 STOP = Inform("stop robot")
 DISABLE = Inform("disable joints")
 SET_SPEED = Inform("set speed", float)
-"""Of moves in two dimensions, and of cleaning, in metres a second."""
+"""The speed, in metres a second, of moves in two dimensions and of cleaning."""
 
 NOT_READY = Failure("not ready", str)
-"""A joint that is not enabled, not referenced, or busy."""
+"""A joint is not enabled, not referenced, or busy."""
 NO_SUCH_JOINT = Failure("no such joint", str)
 INTERRUPTED = Failure("interrupted")
-"""Somebody stopped the robot, or a joint was disabled."""
+"""The user stopped the robot or disabled a joint."""

@@ -1,5 +1,6 @@
-"""The module that has users' commands carried out: it puts them into the components' ports, and
-waits until the regions say that they are done; and what the page offers of them.
+"""The module that carries out users' commands, and the controls that the page offers for them.
+
+It writes a command to the components' ports and waits until the regions show that it is done.
 """
 
 from collections.abc import Callable
@@ -31,11 +32,11 @@ from tca_behaviours.activities.manager import Control, ControlField
 from tca_module import Module, Task
 from tca_module.link.opening import CentralAddress
 
-LOOK = 0.05
-"""Seconds between two looks whether a command is done."""
+CHECK_PERIOD = 0.05
+"""Seconds between two checks whether a command is done."""
 
-BEGINS = 0.5
-"""Seconds within which a command that was taken shows in a region."""
+START_LIMIT = 0.5
+"""Seconds within which an accepted command shows in a region."""
 
 
 class Operator:
@@ -47,7 +48,7 @@ class Operator:
         self.joints: dict[str, Joint] = {name: getattr(components, name) for name in JOINTS}
 
     def module(self, central: CentralAddress = None) -> Module:
-        """The module that handles the commands. Those that stop something wait for no other."""
+        """The module that handles the commands. Stopping commands do not wait for others."""
         module = Module("cleaning robot", central)
         at_once = module.resource("at once")
         module.handles(ENABLE)(self.enable)
@@ -63,19 +64,19 @@ class Operator:
 
     def enable(self, task: Task) -> None:
         """Enable all joints."""
-        self._tell_joints("enable")
+        self._command_joints("enable")
         self._wait(task, lambda: self._all("enabling", "enabled"), lambda: False)
 
     def disable(self, task: Task) -> None:
         """Stop, and close all brakes."""
         self.stop(task)
-        self._tell_joints("disable")
+        self._command_joints("disable")
 
     def reference(self, task: Task) -> None:
-        """Have all joints find their zero."""
+        """Let all joints find their zero."""
         self._check_ready("enabling.enabled", "movement.standing")
-        self._tell_joints("reference")
-        self._wait_begun(task, lambda: self._any("searching") and not self._any("unreferenced"))
+        self._command_joints("reference")
+        self._wait_for_start(task, lambda: self._any("searching") and not self._any("unreferenced"))
         self._wait(
             task, lambda: self._all("referencing", "referenced"), lambda: self._any("unreferenced")
         )
@@ -100,13 +101,13 @@ class Operator:
         self._wait_for_rest(task, self.parts.guide.cleaning, "idle")
 
     def stop(self, _task: Task) -> None:
-        """Stop all that moves."""
+        """Stop all movement."""
         self._stopped = True
         self.parts.guide.command.put("stop")
-        self._tell_joints("stop")
+        self._command_joints("stop")
 
     def set_speed(self, _task: Task, speed: float) -> None:
-        """Change the speed of moves in two dimensions; from the next one on."""
+        """Set the speed of moves in two dimensions, from the next one on."""
         self.parts.guide.speed.put(abs(speed))
 
     def set_joint_speed(self, _task: Task, wanted: JointSpeed) -> None:
@@ -124,20 +125,20 @@ class Operator:
     # --- what they share --------------------------------------------------------------------------
 
     def _all(self, region: str, state: str) -> bool:
-        """Whether that region of each joint is in this state."""
+        """Whether this region of each joint is in this state."""
         return all(joint.regions[region].is_in(state) for joint in self.joints.values())
 
     def _any(self, state: str) -> bool:
-        """Whether a joint's region of referencing is in this state."""
+        """Whether the referencing region of a joint is in this state."""
         return any(joint.referencing.is_in(state) for joint in self.joints.values())
 
-    def _tell_joints(self, command: str) -> None:
+    def _command_joints(self, command: str) -> None:
         for joint in self.joints.values():
             joint.command.put(command)
 
     def _joint(self, name: str) -> Joint:
         if name not in self.joints:
-            raise NO_SUCH_JOINT(name, f"there is no joint '{name}': there are {', '.join(JOINTS)}")
+            raise NO_SUCH_JOINT(name, f"there is no joint '{name}': use one of {', '.join(JOINTS)}")
         return self.joints[name]
 
     def _check_free(self) -> None:
@@ -154,25 +155,27 @@ class Operator:
                     )
 
     def _wait_for_rest(self, task: Task, region: Region, rest: str) -> None:
-        """Wait until a region has left its state of rest, and has come back to it."""
-        self._wait_begun(task, lambda: not region.is_in(rest))
+        """Wait until a region has left its state of rest and returned to it."""
+        self._wait_for_start(task, lambda: not region.is_in(rest))
         self._wait(
             task,
             lambda: region.is_in(rest),
             lambda: self._stopped or not self._all("enabling", "enabled"),
         )
 
-    def _wait_begun(self, task: Task, is_begun: Callable[[], bool]) -> None:
-        """What is begun may be over before it is seen: so no failure."""
-        end = task.time() + BEGINS
-        while not is_begun() and task.time() < end:
-            task.sleep(LOOK / 5)
+    def _wait_for_start(self, task: Task, has_started: Callable[[], bool]) -> None:
+        """Wait for a beginning. Missing it is no failure: the action may have ended before it was
+        seen.
+        """
+        deadline = task.time() + START_LIMIT
+        while not has_started() and task.time() < deadline:
+            task.sleep(CHECK_PERIOD / 5)
 
     def _wait(self, task: Task, is_done: Callable[[], bool], is_lost: Callable[[], bool]) -> None:
-        """Wait until it is done; whoever kills the task stops the robot."""
+        """Wait until it is done. If the wait is interrupted, as by a kill, the robot stops."""
         try:
             while not is_done() and not is_lost():
-                task.sleep(LOOK)
+                task.sleep(CHECK_PERIOD)
         except BaseException:
             self.stop(task)
             raise
@@ -206,6 +209,9 @@ CONTROLS = [
         "move to", MOVE_TO.name, group="position",
         fields=[ControlField("x", 1.0, "m", 0.0, WIDTH), ControlField("y", 0.6, "m", 0.0, HEIGHT)],
     ),
-    Control("set speed", SET_SPEED.name, group="position", fields=[ControlField("", 0.5, "m/s", 0.01, 0.8)]),
+    Control(
+        "set speed", SET_SPEED.name, group="position",
+        fields=[ControlField("", 0.5, "m/s", 0.01, 0.8)],
+    ),
     *(control for joint, length in LENGTHS.items() for control in _of_joint(joint, length)),
 ]  # fmt: skip

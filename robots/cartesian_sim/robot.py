@@ -1,5 +1,5 @@
-"""The whole robot: components, the application that ticks them, its manager and the operator, in
-one module.
+"""The whole robot in one module: components, the application that ticks them, its manager and the
+operator.
 """
 
 from robots.cartesian_sim.application import Components
@@ -14,7 +14,7 @@ NAME = "cleaning robot"
 
 
 class CleaningRobot:
-    """The robot of one central."""
+    """A robot that is connected to one central."""
 
     def __init__(self, central: CentralAddress = None) -> None:
         self.components = Components()
@@ -24,6 +24,6 @@ class CleaningRobot:
         self.manager.handle_in(self.module)
 
     def picture(self) -> str:
-        """What is to be seen, as SVG; nothing before the first step."""
+        """Draw the visible state as SVG; empty before the first step."""
         scene = self.components.device.scene.value
         return draw(scene) if scene else ""

@@ -1,12 +1,14 @@
-"""Shows the robot that keeps a lab floor free of cups: cups fall, people take some of them away,
-the robot collects the others, and charges its battery in between.
+"""Show the robot that keeps a lab floor free of cups.
+
+Cups fall, and people pick some of them up. The robot collects the others, and charges its battery
+in between.
 """
 
 import argparse
 import sys
 from typing import Any
 
-from robots.office_sim.drawing import draw, in_words
+from robots.office_sim.drawing import describe_result, draw
 from robots.office_sim.layers.battery import IS_LOW
 from robots.office_sim.layers.grasps import GRASP_AGAIN
 from robots.office_sim.layers.vanished_cups import IS_GONE
@@ -20,14 +22,14 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.vocabulary import CupState, LabScene
-from robots.options import between, forwarded, parser_of
-from robots.show import history, save_picture, shown
+from robots.options import between, forwarded_arguments, parser_of
+from robots.show import draw_history, run_show, save_picture
 from tca_module import Client, Message, SentTask, connect
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 ProgramTable = dict[str, Message[Any, Any]]
-"""Beside each program is a message that it handles: once it does, all that it attaches is in
-force.
+"""The programs of the robot, each with one message that it handles. Once that has a handler, all
+that the program attaches is in force.
 """
 
 MODULES: ProgramTable = {
@@ -39,16 +41,14 @@ MODULES: ProgramTable = {
 LAYERS: ProgramTable = {"vanished cups": IS_GONE, "battery": IS_LOW, "grasps": GRASP_AGAIN}
 
 PATIENCE = 900.0
-"""Seconds of the lab within which no cup must be left after the last has fallen; else some stay
-there.
-"""
+"""Seconds of the lab's time after the shift. Then the show ends, even if cups are left."""
 
 
 def main() -> int:
-    """The command line; the exit code."""
+    """Run the command line. Returns the exit code."""
     parser = parser_of("office_sim", __doc__, out="runs/office")
     parser.add_argument(
-        "--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)"
+        "--seed", type=int, default=1, help="seed of the lab, the cups and the people (%(default)s)"
     )
     parser.add_argument(
         "--pace",
@@ -70,27 +70,27 @@ def main() -> int:
         metavar="LAYER",
         help=f"leave out a layer: {', '.join(LAYERS)}",
     )
-    return shown(parser, _show)
+    return run_show(parser, _show)
 
 
 def _show(options: argparse.Namespace) -> int:
     title, folder = f"seed {options.seed}", options.out
     scene, keeping = _shift(options)
-    print(f"{title}: {in_words(scene)}")
-    for path in (*save_picture(folder / "lab", draw(scene, title)), *history(folder)):
+    print(f"{title}: {describe_result(scene)}")
+    for path in (*save_picture(folder / "lab", draw(scene, title)), *draw_history(folder)):
         print("made", path)
     keeping.result()
     return 0
 
 
 def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
-    """Have the floor kept free by programs of their own; the lab at the end, and the goal, which
-    has ended.
+    """Run the shift, with each program as a process. Returns the lab at the end, and the ended
+    goal.
     """
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
-    pace = forwarded(options, "pace")
+    pace = forwarded_arguments(options, "pace")
     with central_in(options.out) as (address, programs):
-        world = forwarded(options, "seed", "shift")
+        world = forwarded_arguments(options, "seed", "shift")
         programs.start_module("simulator", "robots.office_sim.modules.simulator", *pace, *world)
         for name in MODULES:
             programs.start_module(
@@ -107,14 +107,14 @@ def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
 
 
 def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, SentTask[None]]:
-    """Say what happens, and call it a day when all cups have fallen and none is left."""
+    """Print the events, and send CALL_IT_A_DAY when all cups have fallen and none is left."""
     keeping = user.goal(KEEP_FLOOR_FREE)
-    told, has_called = 0, False
+    printed, has_called = 0, False
     for is_over in programs.looks(keeping):
         scene = user.query(SCENE)
-        for line in scene.happened[told:]:
+        for line in scene.happened[printed:]:
             print(line, flush=True)
-        told = len(scene.happened)
+        printed = len(scene.happened)
         is_free = all(cup.state in (CupState.BIN, CupState.TAKEN) for cup in scene.cups)
         if not (is_over or has_called) and (is_free or scene.time > latest):
             user.inform(CALL_IT_A_DAY)

@@ -1,4 +1,4 @@
-"""The lab from above, as an SVG picture: the robot's way, and what became of each cup. Pure."""
+"""The lab from above, as an SVG picture: the robot's way, and the end of each cup. Pure."""
 
 from collections.abc import Iterable
 
@@ -9,21 +9,24 @@ from robots.office_sim.vocabulary import Block, CupState, LabScene, Spot
 from tca_tools.drawing.svg import document, text
 
 SCALE = 80.0
-"""Pixels a metre."""
+"""Pixels per metre."""
 
 MARGIN, TOP, BELOW = 24.0, 44.0, 64.0
 CUP = 9.0
-"""Pixels of a cup's radius: more than it has, to be seen."""
+"""The radius of a cup in pixels, larger than to scale so that it is visible."""
 
 STYLE = """\
 .floor { fill: #f6f4ef; stroke: #3e4c59; stroke-width: 5; } .wall { fill: #3e4c59; }
 .table { fill: #d9c6a5; stroke: #9c865d; } .bin { fill: #b8c4ce; stroke: #52606d; stroke-width: 2; }
 .charger { fill: #ffe58a; stroke: #b58900; stroke-width: 2; }
 .reach { fill: none; stroke: #b8c4ce; stroke-dasharray: 3 4; }
-.way { fill: none; stroke: #8a99a8; stroke-width: 1.5; stroke-linejoin: round; stroke-dasharray: 6 4; }
-.carrying { fill: none; stroke: #2c9a57; stroke-width: 2.5; stroke-linejoin: round; stroke-opacity: 0.7; }
+.way { fill: none; stroke: #8a99a8; stroke-width: 1.5; }
+.way { stroke-linejoin: round; stroke-dasharray: 6 4; }
+.carrying { fill: none; stroke: #2c9a57; stroke-width: 2.5; }
+.carrying { stroke-linejoin: round; stroke-opacity: 0.7; }
 .robot { fill: #e8792b; stroke: #33363d; stroke-width: 1.5; fill-opacity: 0.85; }
-.collected { fill: #2c9a57; stroke: #1b5f36; } .taken { fill: #fff; stroke: #c0392b; stroke-width: 2; }
+.collected { fill: #2c9a57; stroke: #1b5f36; }
+.taken { fill: #fff; stroke: #c0392b; stroke-width: 2; }
 .left { fill: #f0a500; stroke: #8a5a00; } .cross { stroke: #c0392b; stroke-width: 2; }
 .number { font-size: 10px; text-anchor: middle; } .light { fill: #fff; }
 """
@@ -34,21 +37,22 @@ LOOKS = {
     CupState.FLOOR: "left",
     CupState.HAND: "left",
 }
-"""How a cup is drawn; one that is still to come is not."""
+"""The look of a cup in each state. A cup that has not fallen is not drawn."""
 CUPS = {
     "collected": "collected, where it lay",
-    "taken": "taken by somebody",
+    "taken": "taken by a person",
     "left": "left on the floor",
 }
 WAYS = {"way": "on the way to a cup", "carrying": "with a cup"}
 
 
 def draw(scene: LabScene, title: str) -> str:
-    """The picture, as text."""
+    """Draw the lab."""
     floor = scene.floor
     view = View(MARGIN, TOP + floor.depth * SCALE, SCALE)
+    heading = f"{title}: {describe_result(scene)}"
     body = [
-        f'<text class="title" x="{MARGIN:.0f}" y="26">{text(f"{title}: {in_words(scene)}")}</text>',
+        f'<text class="title" x="{MARGIN:.0f}" y="26">{text(heading)}</text>',
         _block(view, "floor", Block(0.0, 0.0, floor.width, floor.depth)),
         *(_block(view, "table", table) for table in floor.tables),
         *(_block(view, "wall", wall) for wall in floor.walls),
@@ -75,11 +79,14 @@ def draw(scene: LabScene, title: str) -> str:
     return document(width, height, f"{title}: the lab from above", STYLE, body)
 
 
-def in_words(scene: LabScene) -> str:
-    """What came of it, in one line."""
-    became = [LOOKS[cup.state] for cup in scene.cups if cup.state in LOOKS]
-    collected, taken, left = map(became.count, CUPS)
-    cups = f"{len(became)} cups in {scene.time:.0f} s, {collected} collected, {taken} taken by people, {left} left"
+def describe_result(scene: LabScene) -> str:
+    """Describe the result in one line."""
+    looks = [LOOKS[cup.state] for cup in scene.cups if cup.state in LOOKS]
+    collected, taken, left = map(looks.count, CUPS)
+    cups = (
+        f"{len(looks)} cups in {scene.time:.0f} s, {collected} collected,"
+        f" {taken} taken by people, {left} left"
+    )
     return f"{cups}; charged {scene.charges} time{'s' * (scene.charges != 1)}"
 
 
@@ -94,7 +101,7 @@ def _block(view: View, look: str, block: Block) -> str:
 
 
 def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
-    """A cup with its number; one that somebody took is crossed out."""
+    """A cup with its number. A cup that a person picked up is crossed out."""
     yield view.disc(look, place, CUP / view.scale)
     beside = 0.0
     if look == "taken":
@@ -107,7 +114,7 @@ def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
 
 
 def _legend(view: View) -> Iterable[str]:
-    """All looks, in one row; *view* is in pixels."""
+    """All looks, in one row. *view* is in pixels."""
     x = CUP
     for look, words in CUPS.items():
         yield from _cup(view, look, (x, 0.0), "")

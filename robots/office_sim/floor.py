@@ -9,14 +9,14 @@ WALL = 0.15
 DOOR = (2.6, 4.0)
 DOOR_AT = 6.3
 TABLES = ((1.6, 2.2), (4.4, 1.6), (3.2, 4.7), (8.4, 5.2))
-"""About where their middles are."""
+"""The approximate places of the tables' middles."""
 SIZES = ((1.6, 0.8), (0.8, 1.4), (1.2, 0.8))
 SHIFT = 0.3
-"""Metres that a table may stand elsewhere."""
+"""How far (m) a table may stand from its place."""
 
 
 def make_floor(rng: random.Random) -> FloorPlan:
-    """A lab in which every free spot can be reached."""
+    """Make a lab in which every free spot can be reached."""
     walls = [
         Block(DOOR_AT, 0.0, DOOR_AT + WALL, DOOR[0]),
         Block(DOOR_AT, DOOR[1], DOOR_AT + WALL, DEPTH),

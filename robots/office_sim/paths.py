@@ -1,4 +1,4 @@
-"""The shortest way around walls and tables: along the corners of what is in the way. Pure."""
+"""The shortest way around walls and tables, along their corners. Pure."""
 
 import heapq
 import itertools
@@ -6,18 +6,18 @@ import itertools
 from robots.office_sim.vocabulary import Approach, Block, FloorPlan, Spot
 
 RADIUS = 0.3
-"""Metres of the robot."""
+"""The radius (m) of the robot."""
 
 CLEARANCE = 0.02
-"""Metres that corners are passed at, beside that."""
+"""The distance (m) at which it passes corners."""
 
 
 class NoPath(Exception):
-    """Nothing leads to a place."""
+    """There is no way to the place."""
 
 
 def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
-    """The points to drive to, one after the other; none if the robot is near enough already. Raises
+    """The points to drive to, one after the other; empty if the robot is near enough. Raises
     NoPath.
     """
     blocks = [block.grown(RADIUS) for block in (*floor.walls, *floor.tables)]
@@ -31,9 +31,7 @@ def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
 
 
 def is_clear(start: Spot, end: Spot, block: Block) -> bool:
-    """Whether a straight way leads past a block: the part of it between the block's sides is
-    empty.
-    """
+    """Whether a straight way passes a block, so that no part of it lies inside the block."""
     first, last = 0.0, 1.0
     for begin, goal, low, high in (
         (start.x, end.x, block.left, block.right),
@@ -49,7 +47,7 @@ def is_clear(start: Spot, end: Spot, block: Block) -> bool:
 
 
 def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
-    """From the first spot to the last, by Dijkstra's algorithm; without the first."""
+    """The way from the first spot to the last, by Dijkstra's algorithm; without the first spot."""
     start, goal = spots[0], spots[-1]
     before: dict[Spot, Spot] = {}
     known, queue = {start: 0.0}, [(0.0, 0, start)]
@@ -72,7 +70,7 @@ def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
 
 
 def _cut(way: list[Spot], within: float) -> list[Spot]:
-    """The way from its first point, which is left out, up to where its end is near enough."""
+    """The way after its first point, up to where it is *within* metres of its goal."""
     *middle, goal = way
     far = list(itertools.takewhile(lambda spot: spot.to(goal) > within, middle))
     if len(far) < len(middle):

@@ -1,4 +1,4 @@
-"""How each program of the robot is started."""
+"""The command line of each program of the robot."""
 
 import argparse
 from collections.abc import Callable

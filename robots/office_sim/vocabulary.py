@@ -1,4 +1,4 @@
-"""What the data of the messages are made of: places and things of a lab, in metres. Pure."""
+"""The data types of the messages: places and things of a lab, in metres. Pure."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,11 +13,11 @@ class Spot:
     y: float
 
     def to(self, other: "Spot") -> float:
-        """The distance."""
+        """The distance to another spot."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
     def towards(self, other: "Spot", metres: float) -> "Spot":
-        """The point that lies so far on the way to another."""
+        """The point *metres* towards another one."""
         part = metres / self.to(other)
         return Spot(self.x + part * (other.x - self.x), self.y + part * (other.y - self.y))
 
@@ -40,13 +40,13 @@ class Block:
         return Block(self.left - by, self.bottom - by, self.right + by, self.top + by)
 
     def covers(self, spot: Spot) -> bool:
-        """Whether a point lies within it; its edge does not count."""
+        """Whether a point lies inside the block, not on its edge."""
         return self.left < spot.x < self.right and self.bottom < spot.y < self.top
 
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """What stays where it is."""
+    """The fixed things of the lab."""
 
     width: float
     depth: float
@@ -56,7 +56,7 @@ class FloorPlan:
     charger: Spot
 
     def is_free(self, spot: Spot, margin: float) -> bool:
-        """Whether so much room is around a point."""
+        """Whether there is room of *margin* metres around a point."""
         is_inside = (
             margin <= spot.x <= self.width - margin and margin <= spot.y <= self.depth - margin
         )
@@ -67,7 +67,7 @@ class FloorPlan:
 
 @dataclass(frozen=True, slots=True)
 class Cup:
-    """A cup on the floor, with the number that vision knows it by."""
+    """A cup on the floor, with its number in vision."""
 
     number: int
     spot: Spot
@@ -75,14 +75,14 @@ class Cup:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """Where to go, and how near."""
+    """A place to go to, and the distance within which it is reached."""
 
     spot: Spot
     within: float = 0.0
 
 
 class Grasped(StrEnum):
-    """What the fingers feel when they close."""
+    """The result of closing the fingers."""
 
     CUP = "cup"
     SLIPPED = "slipped"
@@ -90,18 +90,18 @@ class Grasped(StrEnum):
 
 
 class CupState(StrEnum):
-    """Where a cup is."""
+    """The place of a cup."""
 
     TO_COME = "to come"
     FLOOR = "on the floor"
     HAND = "in the hand"
     BIN = "in the bin"
-    TAKEN = "taken by somebody"
+    TAKEN = "taken by a person"
 
 
 @dataclass(slots=True)
 class SeenCup:
-    """A cup as the picture shows it: where it lay, and what became of it."""
+    """A cup in the picture: where it lay, and its state."""
 
     number: int
     spot: Spot
@@ -118,7 +118,7 @@ class Stretch:
 
 @dataclass(slots=True)
 class LabScene:
-    """All that is to be seen from above, and what has happened so far, in words."""
+    """The lab seen from above, and a text for each event so far."""
 
     time: float
     floor: FloorPlan

@@ -1,6 +1,7 @@
-"""The lab as it is: cups that fall down and are taken away, a robot with a hand and a battery. It
-knows no clock: time passes when somebody calls `advance`, and the same seed with the same calls at
-the same times comes out the same.
+"""The true lab: cups that fall down and are picked up, a robot with a hand and a battery.
+
+It has no clock: time passes only in `advance`. The same seed with the same calls at the same times
+gives the same result.
 """
 
 import itertools
@@ -14,38 +15,38 @@ from robots.office_sim.messages import REACH
 from robots.office_sim.vocabulary import CupState, Grasped, LabScene, SeenCup, Spot, Stretch
 
 STEP = 0.1
-"""Seconds at most between two looks at what happens."""
+"""The longest simulated step in seconds."""
 
 SPEED = 0.6
 DRIVING, STANDING, CHARGING = 0.006, 0.0006, 0.03
-"""Parts of the battery that a second takes, or gives."""
+"""The share of the battery that a second uses or, at the charger, adds."""
 
 FULL = 0.9999
 
 BETWEEN_CUPS = 20.0
-"""Seconds, on average."""
+"""Mean seconds between two cups."""
 
 TAKEN = 0.35
-"""Part of the cups that somebody takes, between so many seconds after they fell."""
+"""The share of the cups that people pick up; TAKEN_AFTER is how many seconds after they fell."""
 TAKEN_AFTER = (4.0, 60.0)
 
 SLIPS = (0, 0, 0, 1, 1, 4)
 """How often a cup may slip out of the fingers."""
 
 ROOM = 0.36
-"""Metres that a cup lies away from what the robot can't pass."""
+"""The distance (m) of a cup from walls and tables."""
 
 APART, FROM_BIN = 0.4, 1.5
 TOLERANCE = 0.12
-"""Metres that the hand may be wrong by."""
+"""The allowed position error (m) of the hand."""
 
 MISSED, BLUR = 0.03, 0.01
-"""How often the camera does not see a cup, and by how many metres it is wrong."""
+"""The probability that the camera misses a cup, and the error (m) of its places."""
 
 
 @dataclass(slots=True)
 class WorldCup(SeenCup):
-    """A cup, and what is to become of it."""
+    """A cup, with its future: when it falls, when it is picked up, and how often it slips."""
 
     falls: float
     taken: float
@@ -53,7 +54,7 @@ class WorldCup(SeenCup):
 
 
 class OfficeWorld:
-    """The lab of a seed during a shift of so many seconds."""
+    """The lab of a seed during a shift of *shift* seconds."""
 
     def __init__(self, seed: int, shift: float, battery: float = 1.0) -> None:
         rng = random.Random(seed)  # noqa: S311 - no secret
@@ -68,7 +69,7 @@ class OfficeWorld:
         self._happened: list[str] = []
 
     def _make_cups(self, rng: random.Random, shift: float) -> Iterator[WorldCup]:
-        """What falls during the shift: one cup at least."""
+        """The cups that fall during the shift, at least one."""
         spots: list[Spot] = []
         time = rng.uniform(1.0, 5.0)
         while not spots or time < shift:
@@ -86,14 +87,14 @@ class OfficeWorld:
                 return spot
 
     def advance(self, to: float) -> None:
-        """Let time pass until then."""
+        """Let time pass until *to*."""
         while self.time < to:
             step = min(STEP, to - self.time)
             self.time = to if step < STEP else self.time + step
-            self._let_people_act()
+            self._move_cups()
             self._drive_on(step)
 
-    def _let_people_act(self) -> None:
+    def _move_cups(self) -> None:
         for cup in self._cups:
             if cup.state is CupState.TO_COME and self.time >= cup.falls:
                 self._becomes(cup, CupState.FLOOR)
@@ -124,37 +125,35 @@ class OfficeWorld:
     def _happens(self, what: str) -> None:
         self._happened.append(f"{self.time:6.1f} s  {what}")
 
-    def look(self) -> list[Spot]:
-        """The cups that the camera on the ceiling sees: not each of them in each picture, and a
-        little blurred.
-        """
-        seen = [cup.spot for cup in self._those(CupState.FLOOR) if self._eyes.random() >= MISSED]
+    def seen_spots(self) -> list[Spot]:
+        """The cups that the camera on the ceiling sees. It misses some and is not exact."""
+        seen = [cup.spot for cup in self._cups_in(CupState.FLOOR) if self._eyes.random() >= MISSED]
         return [
             Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR))
             for spot in seen
         ]
 
     def drive(self, way: list[Spot]) -> float:
-        """Set off; the seconds that it takes."""
+        """Set off. Returns the duration in seconds."""
         self.halt()
         self._way, self._is_docked = list(way), False
         return sum(here.to(there) for here, there in itertools.pairwise([self.robot, *way])) / SPEED
 
     def halt(self) -> Spot:
-        """Stand still; where that is."""
+        """Stop. Returns the place."""
         if self._way:
             self._way = []
             self._trail[-1].points.append(self.robot)
         return self.robot
 
     def close_fingers(self, spot: Spot) -> Grasped:
-        """Grasp what lies there."""
+        """Grasp the cup at a spot."""
         near = [
             cup
-            for cup in self._those(CupState.FLOOR)
+            for cup in self._cups_in(CupState.FLOOR)
             if cup.spot.to(spot) <= TOLERANCE and self._reaches(spot)
         ]
-        if not near or self._those(CupState.HAND):
+        if not near or self._cups_in(CupState.HAND):
             return Grasped.NOTHING
         cup = near[0]
         if cup.slips:
@@ -166,8 +165,8 @@ class OfficeWorld:
         return Grasped.CUP
 
     def open_fingers(self) -> bool:
-        """Let go: over the bin the cup is gone, elsewhere it lies there. Whether there was one."""
-        held = self._those(CupState.HAND)
+        """Let go of the cup, into the bin or onto the floor. Returns whether there was one."""
+        held = self._cups_in(CupState.HAND)
         for cup in held:
             if self._reaches(self.floor.bin):
                 self._becomes(cup, CupState.BIN)
@@ -178,8 +177,8 @@ class OfficeWorld:
         return bool(held)
 
     def dock(self) -> float | None:
-        """Charge until the battery is full, or the robot drives away; the seconds that it takes,
-        None: not here.
+        """Charge until the battery is full or the robot drives away. Returns the duration; None if
+        the charger is too far away.
         """
         if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
@@ -188,14 +187,14 @@ class OfficeWorld:
         self._happens(f"the battery is being charged, from {self.battery:.0%}")
         return (1.0 - self.battery) / CHARGING
 
-    def _those(self, state: CupState) -> list[WorldCup]:
+    def _cups_in(self, state: CupState) -> list[WorldCup]:
         return [cup for cup in self._cups if cup.state is state]
 
     def _reaches(self, spot: Spot) -> bool:
         return self.robot.to(spot) <= REACH + TOLERANCE
 
     def scene(self) -> LabScene:
-        """What is to be seen from above."""
+        """The lab seen from above."""
         trail = [Stretch(stretch.with_cup, stretch.points[:]) for stretch in self._trail]
         trail[-1].points.append(self.robot)
         cups = [SeenCup(cup.number, cup.spot, cup.state) for cup in self._cups]

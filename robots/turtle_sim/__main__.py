@@ -1,5 +1,5 @@
-"""Shows a mission: starts central, the turtle and its task server, carries it out, and draws what
-came of it.
+"""Show a mission: start central, the turtle and its task server, run the mission, and draw the
+result.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from robots.options import between, parser_of
-from robots.show import save_picture, shown
+from robots.show import run_show, save_picture
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
@@ -29,22 +29,22 @@ from tca_module.link.opening import CentralAddress
 from tca_tools.supervise.programs import central_in
 
 ENOUGH = 15.0
-"""Seconds after which a mission is ended that would go on for ever."""
+"""Seconds after which the show ends an endless mission."""
 
 
 class TimeIsUp:
-    """A condition of missions: verified when some seconds have passed."""
+    """A condition of missions: verified after a number of seconds."""
 
     def __init__(self, seconds: float) -> None:
         self._end = time.monotonic() + seconds
 
     def is_verified(self) -> bool:
-        """Whether they have."""
+        """Whether the time has passed."""
         return time.monotonic() >= self._end
 
 
 def for_some_time(mission: Mission, endless: Callable[[Mission], object]) -> None:
-    """Carry out an endless mission until it is enough."""
+    """Run an endless mission for ENOUGH seconds."""
     time_is_up = TimeIsUp(ENOUGH)
     mission.add_condition(time_is_up)
     try:
@@ -55,7 +55,7 @@ def for_some_time(mission: Mission, endless: Callable[[Mission], object]) -> Non
 
 
 Missions = Mapping[str, Callable[[Mission], object]]
-"""For each turtle, by name, its mission."""
+"""The mission of each turtle, by the turtle's name."""
 
 SHOWS: dict[str, Missions] = {
     "letters": {"turtle": letters},
@@ -69,14 +69,14 @@ SHOWS: dict[str, Missions] = {
 
 STARTS = {"turtle2": Pose(4.0, 4.0), "turtle3": Pose(7.0, 7.0)}
 PENS = {"turtle2": Pen(200, 60, 40), "turtle3": Pen(40, 90, 170)}
-"""Of the turtles that don't begin in the centre, with a black pen."""
+"""The start and the pen of each turtle that does not start in the centre with a black pen."""
 
 RATE = 10.0
-"""Iterations of a task a second of the turtle's time."""
+"""Iterations of a task per second of the turtle's time."""
 
 
 class ShowIsOver:
-    """A condition of all missions of a show: one of them has failed, or somebody has pressed
+    """A condition of all missions of a show: one of them has failed, or the user has pressed
     Ctrl-C.
     """
 
@@ -86,12 +86,12 @@ class ShowIsOver:
         return self.why
 
     def is_verified(self) -> bool:
-        """Whether it is."""
+        """Whether the show is over."""
         return bool(self.why)
 
 
 class ShownMission(Mission):
-    """A mission that says what it does, as it does it, and ends with the show."""
+    """A mission that prints each of its tasks, and ends with the show."""
 
     def __init__(
         self, server: str, central: CentralAddress, began: float, is_over: ShowIsOver
@@ -102,12 +102,12 @@ class ShownMission(Mission):
         self.clear_conditions()
 
     def clear_conditions(self) -> None:
-        """Only the end of the show interrupts it any more."""
+        """Clear all conditions but the end of the show."""
         super().clear_conditions()
         self.add_condition(self._is_over)
 
     def run(self, name: str, /, **parameters: Any) -> Any:
-        """Say that the task begins, and run it."""
+        """Print the task's name and parameters, and run it."""
         given = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
         print(
             f"{time.monotonic() - self._began:6.2f} s  {self.server}: {name}({given})", flush=True
@@ -132,9 +132,7 @@ class Show:
         self._is_over = ShowIsOver()
 
     def run(self) -> None:
-        """Carry out the missions, each in a thread. Raises what the first that failed has
-        raised.
-        """
+        """Run the missions, each in a thread. Raises the error of the first one that fails."""
         with ExitStack() as stack:
             centrals = {
                 name: stack.enter_context(central_in(self._folder, f"{name} "))
@@ -146,17 +144,17 @@ class Show:
                 programs.start_module(f"{name} task server", *servers[name])
             with ThreadPoolExecutor(len(centrals)) as pool:
                 try:
-                    for carried_out in as_completed(
+                    for future in as_completed(
                         pool.submit(self._carry_out, name, centrals[name][0]) for name in centrals
                     ):
-                        carried_out.result()
+                        future.result()
                 except BaseException as error:
                     self._is_over.why = f"{type(error).__name__} has ended the show"
                     raise
 
     def _servers(self) -> dict[str, list[str]]:
-        """For each turtle its task server: the Python module, and the arguments. Alone it needs no
-        link.
+        """The task server of each turtle: the Python module and its arguments. A single turtle
+        needs no link.
         """
         names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
         if len(names) == 1:
@@ -171,12 +169,12 @@ class Show:
             self._missions[name](mission)
 
     def draw(self, title: str) -> list[Path]:
-        """Draw the sheet; the files that were made."""
+        """Draw the sheet. Returns the files written."""
         return save_picture(self._folder / "sheet", draw(self._simulator.sheet(), title))
 
 
 def main() -> int:
-    """Show the mission that the arguments name; the exit code."""
+    """Show the mission that the command line names. Returns the exit code."""
     parser = parser_of("turtle_sim", __doc__, out="runs/turtle")
     parser.add_argument(
         "show",
@@ -195,9 +193,9 @@ def main() -> int:
         "--loss",
         type=between(0.0, 0.99, "the loss"),
         default=0.5,
-        help="part of the datagrams between turtles that is lost",
+        help="share of the datagrams between turtles that is lost (%(default)s)",
     )
-    return shown(parser, _show)
+    return run_show(parser, _show)
 
 
 def _show(options: argparse.Namespace) -> int:

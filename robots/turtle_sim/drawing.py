@@ -3,27 +3,28 @@
 from collections.abc import Iterable
 
 from robots.drawing import View
-from robots.plane import placed
+from robots.plane import world_place
 from robots.turtle_sim.messages import SeenTurtle, Sheet
 from robots.turtle_sim.world import SIZE
 from tca_tools.drawing.svg import document
 
 SCALE = 50.0
-"""Pixels a unit."""
+"""Pixels per unit."""
 
 MARGIN, TOP = 30.0, 36.0
 BODY = ((0.32, 0.0), (-0.2, 0.2), (-0.1, 0.0), (-0.2, -0.2))
-"""A turtle that looks along the x axis."""
+"""The corners of a turtle that heads along the x axis."""
 
 STYLE = (
-    ".line { stroke: #e4e8ec; } .sheet { fill: #fff; stroke: #9aa5b1; } .stroke { fill: none; stroke-linejoin: round;"
-    " stroke-linecap: round; } .turtle { stroke: #fff; stroke-width: 1.5; } .name { font-weight: bold; }"
+    ".line { stroke: #e4e8ec; } .sheet { fill: #fff; stroke: #9aa5b1; }"
+    " .stroke { fill: none; stroke-linejoin: round; stroke-linecap: round; }"
+    " .turtle { stroke: #fff; stroke-width: 1.5; } .name { font-weight: bold; }"
 )
 VIEW = View(MARGIN, TOP + SIZE * SCALE, SCALE)
 
 
 def draw(sheet: Sheet, title: str) -> str:
-    """The picture, as text."""
+    """Draw the sheet."""
     body = [
         VIEW.words(title, (0.0, SIZE), down=-12, class_="title"),
         VIEW.box("sheet", (0.0, 0.0), SIZE, SIZE),
@@ -53,7 +54,7 @@ def _grid() -> Iterable[str]:
 def _turtle(name: str, turtle: SeenTurtle) -> Iterable[str]:
     x, y, heading = turtle.pose.x, turtle.pose.y, turtle.pose.theta
     yield VIEW.shape(
-        "turtle", (placed(x, y, heading, *corner) for corner in BODY), fill=turtle.pen.colour
+        "turtle", (world_place(x, y, heading, *corner) for corner in BODY), fill=turtle.pen.colour
     )
     has_room = (SIZE - y) * SCALE > 30
     yield VIEW.words(

@@ -1,4 +1,4 @@
-"""What the tasks of a turtle share: where it is, and what it can be told."""
+"""The environment of a turtle's tasks: the turtle's pose, and the commands to it."""
 
 import threading
 
@@ -9,39 +9,39 @@ from tca_behaviours.missions import Environment
 from tca_module import Module, Sender, Task
 
 PATIENCE = 10.0
-"""Seconds within which the turtle must have done what takes no time."""
+"""Seconds that the turtle gets for a command that takes no time."""
 
 
 class TurtleEnvironment(Environment):
-    """A turtle somewhere: its simulator, or another machine that understands the messages."""
+    """A turtle: a simulated one, or another machine that handles the same messages."""
 
     def __init__(self, patience: float = 5.0) -> None:
-        """*patience*: seconds to wait until the turtle is heard of for the first time."""
+        """Wait up to *patience* seconds for the turtle's first pose."""
         super().__init__()
         self._patience = patience
-        self._heard = threading.Event()
+        self._has_pose = threading.Event()
 
     def attach(self, module: Module) -> None:
-        """Have the server's module listen to the turtle."""
+        """Subscribe the server's module to the turtle's pose."""
 
         @module.handles(POSE, resource="sensors")
-        def listen(_: Task, pose: Pose) -> None:
+        def store_pose(_: Task, pose: Pose) -> None:
             self._pose = pose
-            self._heard.set()
+            self._has_pose.set()
 
     @property
     def pose(self) -> Pose:
-        """Where the turtle is. Raises TurtleError if nothing is heard of it."""
-        if not self._heard.wait(self._patience):
-            raise TurtleError("the turtle has not told where it is: does its simulator run?")
+        """The turtle's newest pose. Raises TurtleError if none arrives in time."""
+        if not self._has_pose.wait(self._patience):
+            raise TurtleError("the turtle has not sent its pose: does its simulator run?")
         return self._pose
 
     def publish_velocity(self, sender: Sender, linear: float, angular: float) -> None:
-        """Move and turn, until the next command or for a second."""
+        """Move and turn until the next command, for at most a second."""
         sender.inform(VELOCITY, Velocity(linear, angular))
 
     def set_pen(self, sender: Sender, pen: Pen) -> None:
-        """Take another pen."""
+        """Change the pen."""
         sender.command(CHANGE_PEN, pen).result(PATIENCE)
 
     def clear(self, sender: Sender) -> None:

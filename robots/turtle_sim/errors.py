@@ -1,20 +1,20 @@
-"""What can go wrong with turtles."""
+"""Errors of turtles and their teams."""
 
 
 class TurtleError(Exception):
-    """Base of all of them."""
+    """The base of all errors of turtles."""
 
 
 class NoSuchTurtle(TurtleError):
-    """A turtle was named that is not there."""
+    """There is no turtle of this name."""
 
 
 class TurtleExists(TurtleError):
-    """A turtle was to be made under a name that another has."""
+    """There is already a turtle of this name."""
 
 
 class NoSuchPartner(TurtleError):
-    """A partner was named that this turtle does not know."""
+    """The turtle has no partner of this name."""
 
 
 class BadTeam(TurtleError):
@@ -22,4 +22,4 @@ class BadTeam(TurtleError):
 
 
 class DamagedDatagram(TurtleError):
-    """What came from a partner is no datagram of a robot."""
+    """The data from a partner are not a datagram of a robot."""

@@ -1,5 +1,5 @@
-"""What the simulator of a turtle understands, and tells. Each turtle has its own central, so no
-name says which.
+"""The messages of a turtle's simulator. Each turtle has a separate central, so the messages do not
+name the turtle.
 """
 
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from tca_module import Command, Inform, Query, Variable
 
 @dataclass
 class Velocity:
-    """How fast to move ahead (units a second) and to turn left (radians a second)."""
+    """The speed ahead (units a second) and the turn to the left (radians a second)."""
 
     linear: float = 0.0
     angular: float = 0.0
@@ -18,7 +18,7 @@ class Velocity:
 
 @dataclass
 class SeenTurtle:
-    """What is to be seen of a turtle."""
+    """The visible state of a turtle."""
 
     pose: Pose
     pen: Pen
@@ -26,7 +26,7 @@ class SeenTurtle:
 
 @dataclass
 class Sheet:
-    """All that is to be seen."""
+    """The visible state of the sheet: strokes and turtles."""
 
     strokes: list[Stroke] = field(default_factory=list)
     turtles: dict[str, SeenTurtle] = field(default_factory=dict)

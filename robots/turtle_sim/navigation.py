@@ -1,7 +1,6 @@
-"""A navigator: a module of its own that plans the turtle's way. What it understands, and the tasks
-that make use of it.
+"""Messages of a navigator, which plans the turtle's way, and the tasks that use it.
 
-There is none in this folder; tests have one. The tasks fit any environment that knows a pose.
+The tests have a navigator; this folder has none. The tasks work in any environment with a pose.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from tca_module import Goal, Inform
 
 @dataclass
 class Target:
-    """A pose to come to, in a frame of reference."""
+    """A goal pose in a frame of reference."""
 
     x: float
     y: float
@@ -23,15 +22,15 @@ class Target:
 
 
 MOVE_BASE = Goal("move base", Target)
-"""It ends when the turtle is there, and fails if it can't come there."""
+"""Ends when the turtle has arrived; fails if it can't arrive."""
 
 MOVE_BASE_SIMPLE = Inform("move base simple", Target)
-"""The sender hears no more of it."""
+"""The sender gets no reply."""
 
 
 class MoveBase(OnceTask[TurtleEnvironment]):
-    """Have the navigator bring the turtle to a pose. A failure there is one here, and a stop here
-    is one there.
+    """Have the navigator bring the turtle to a pose. Failures and stops of the navigator's goal and
+    of this task are shared.
     """
 
     goal_x: float = parameter(0.0, "X coordinate of the goal")
@@ -47,7 +46,7 @@ class MoveBase(OnceTask[TurtleEnvironment]):
 
 
 class MoveGoal(PeriodicTask[TurtleEnvironment]):
-    """Tell the navigator a pose, and see for oneself whether the turtle gets there."""
+    """Send the navigator a pose, and check here whether the turtle arrives."""
 
     goal_x: float = parameter(0.0, "X coordinate of the goal")
     goal_y: float = parameter(0.0, "Y coordinate of the goal")
@@ -60,11 +59,11 @@ class MoveGoal(PeriodicTask[TurtleEnvironment]):
     )
 
     def initialise(self) -> None:
-        """Tell the goal."""
+        """Send the goal."""
         self._send()
 
     def iterate(self) -> Status:
-        """Compare where the turtle is; tell the goal again if it is time."""
+        """Compare the pose with the goal. Send the goal again if that is due."""
         pose = self.env.pose
         is_near = hypot(self.goal_x - pose.x, self.goal_y - pose.y) < self.linear_threshold
         is_turned = abs(remainder(self.goal_yaw - pose.theta, tau)) < self.angular_threshold

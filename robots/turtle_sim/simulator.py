@@ -1,4 +1,4 @@
-"""The turtles as modules: each listens to its own central, all draw on one sheet."""
+"""The turtles as modules, each connected to its own central. All draw on one sheet."""
 
 import argparse
 import threading
@@ -18,22 +18,24 @@ from tca_module import Callback, Module, Task
 from tca_module.link.opening import CentralAddress
 
 PERIOD = 1 / 32
-"""Seconds between two poses that a turtle tells of."""
+"""Seconds between two poses that a turtle publishes."""
 
 
 class Simulator:
     """One world, and a module for each of its turtles."""
 
     def __init__(self, world: TurtleWorld, pace: float = 1.0) -> None:
-        """With a *pace* of 2 its time passes twice as fast as that of the modules."""
+        """Simulate the *world*. With a *pace* of 2 its time passes twice as fast as that of the
+        modules.
+        """
         self._world = world
         self._pace = pace
         self._lock = threading.Lock()  # the modules have threads of their own
 
     def sheet(self) -> Sheet:
-        """What is to be seen now."""
+        """The visible state of the sheet."""
         with self._lock:
-            strokes = [Stroke(one.pen, one.points[:]) for one in self._world.strokes]
+            strokes = [Stroke(stroke.pen, stroke.points[:]) for stroke in self._world.strokes]
             return Sheet(
                 strokes,
                 {
@@ -43,19 +45,19 @@ class Simulator:
             )
 
     def module(self, name: str, central: CentralAddress = None) -> Module:
-        """The module that moves the turtle of this name, which must be there."""
+        """The module that moves the turtle of this name. Raises NoSuchTurtle."""
         world, lock, simulator = self._world, self._lock, Module(f"{name} simulator", central)
         world.turtle(name)
 
-        told: list[Pose] = []
+        published: list[Pose] = []
 
         @simulator.every(PERIOD)
         def move(callback: Callback) -> None:
             with lock:
                 world.advance(PERIOD * self._pace, name)
                 pose = world.turtle(name).pose
-            if told != [pose]:  # a turtle that stands still says nothing
-                told[:] = [pose]
+            if published != [pose]:  # a turtle that stands still publishes nothing
+                published[:] = [pose]
                 callback.set_variable(POSE, pose, wait=False)
 
         @simulator.handles(VELOCITY)
@@ -81,10 +83,10 @@ class Simulator:
 
 
 def main() -> None:
-    """Simulate one turtle until told to end."""
+    """Simulate one turtle until the program is stopped."""
     parser = argparse.ArgumentParser(description="One turtle on a sheet of its own.")
     parser.add_argument(
-        "name", nargs="?", default="turtle", help="of the turtle (default: %(default)s)"
+        "name", nargs="?", default="turtle", help="name of the turtle (default: %(default)s)"
     )
     parser.add_argument(
         "--at",

@@ -1,4 +1,4 @@
-"""The task server of a turtle that is alone."""
+"""The task server of a single turtle."""
 
 import argparse
 from pathlib import Path
@@ -10,10 +10,10 @@ TASKS = Path(__file__).parent / "tasks"
 
 
 def main() -> None:
-    """Serve until told to end."""
+    """Serve until the program is stopped."""
     parser = argparse.ArgumentParser(description="The task server of a turtle.")
     parser.add_argument(
-        "name", nargs="?", default="turtle", help="of the server (default: %(default)s)"
+        "name", nargs="?", default="turtle", help="name of the server (default: %(default)s)"
     )
     parser.add_argument(
         "--rate", type=float, default=10.0, help="iterations a second (default: %(default)s)"

@@ -1,8 +1,7 @@
-"""The world of the turtles: a square sheet, turtles that move on arcs, and what their pens have
-drawn.
+"""The world of the turtles: a square sheet, turtles that move on arcs, and the lines of their pens.
 
-It is deterministic: the same commands at the same times draw the same lines. It knows no clock; its
-time passes when somebody calls ``advance``.
+It is deterministic: the same commands at the same times draw the same lines. It has no clock: time
+passes only in ``advance``.
 """
 
 import math
@@ -11,26 +10,26 @@ from dataclasses import dataclass, field, replace
 from robots.turtle_sim.errors import NoSuchTurtle, TurtleExists
 
 SIZE = 11.0
-"""The length of each side. The origin is the lower left corner; angles count from the x axis, to
-the left.
+"""The length of each side. The origin is the lower left corner; angles count from the x axis to the
+left.
 """
 
 STEP = 1 / 64
 """Seconds between two points of a line."""
 
 COMMAND_LIFE = 1.0
-"""Seconds after which a turtle stops that hears no further command, as turtlesim's does."""
+"""Seconds after which a turtle without a new command stops, as in turtlesim."""
 
 FASTEST = 50.0
-"""Units, or radians, a second: faster commands mean this."""
+"""Units, or radians, a second. Faster commands are limited to this."""
 
 STRAIGHT = 1e-9
-"""Radians a second below which a turtle goes straight on."""
+"""Radians a second below which a turtle moves straight ahead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a turtle is, where it looks, and how fast it moves and turns."""
+    """The place and heading of a turtle, and how fast it moves and turns."""
 
     x: float
     y: float
@@ -44,7 +43,7 @@ CENTRE = Pose(SIZE / 2, SIZE / 2)
 
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """What a turtle draws with, if it is down."""
+    """A turtle's pen. It draws while it is down."""
 
     red: int = 0
     green: int = 0
@@ -54,7 +53,7 @@ class Pen:
 
     @property
     def colour(self) -> str:
-        """As ``#rrggbb``."""
+        """The colour as ``#rrggbb``."""
         return f"#{self.red:02x}{self.green:02x}{self.blue:02x}"
 
 
@@ -68,8 +67,10 @@ class Stroke:
 
 @dataclass(slots=True)
 class Turtle:
-    """One turtle: its pose, its pen, for how many seconds more it follows its last command, its
-    time, and the seconds that have passed but make no whole step yet.
+    """One turtle.
+
+    *command_left* is for how many seconds more it follows its last command. *owed* are seconds that
+    have passed but do not yet make a whole step.
     """
 
     pose: Pose
@@ -87,19 +88,19 @@ class TurtleWorld:
         self.turtles: dict[str, Turtle] = {}
         self.strokes: list[Stroke] = []
 
-    # --- what can be done -------------------------------------------------------------------------
+    # --- actions ----------------------------------------------------------------------------------
 
     def spawn(self, name: str, pose: Pose = CENTRE) -> None:
-        """A new turtle, with its pen down."""
+        """Add a turtle, with its pen down."""
         if name in self.turtles:
-            raise TurtleExists(f"there is a turtle '{name}' already: give another name")
+            raise TurtleExists(f"there is already a turtle '{name}': give another name")
         self.turtles[name] = Turtle(
             _on_the_sheet(replace(pose, linear_velocity=0.0, angular_velocity=0.0))
         )
 
     def command(self, name: str, linear: float, angular: float) -> None:
-        """Move with *linear* units and turn with *angular* radians a second, for ``COMMAND_LIFE``
-        seconds at most.
+        """Move with *linear* units and turn with *angular* radians a second, for at most
+        ``COMMAND_LIFE`` seconds.
         """
         turtle = self.turtle(name)
         turtle.pose = replace(
@@ -108,7 +109,7 @@ class TurtleWorld:
         turtle.command_left = COMMAND_LIFE
 
     def set_pen(self, name: str, pen: Pen) -> None:
-        """Change the pen; what is drawn from now on is a stroke of its own."""
+        """Change the pen, and start a new stroke."""
         turtle = self.turtle(name)
         turtle.pen, turtle.stroke = pen, None
 
@@ -122,16 +123,17 @@ class TurtleWorld:
         """The turtle of this name."""
         if name not in self.turtles:
             raise NoSuchTurtle(
-                f"there is no turtle '{name}': there are {', '.join(self.turtles) or 'none'}"
+                f"there is no turtle '{name}': the turtles are {', '.join(self.turtles) or 'none'}"
             )
         return self.turtles[name]
 
     # --- time -------------------------------------------------------------------------------------
 
     def advance(self, seconds: float, *names: str) -> None:
-        """Let time pass for the turtles of these names, or for all, in whole steps; what is left of
-        a step is made up for at the next call. Turtles don't touch each other, so each may have a
-        time of its own.
+        """Let time pass for the turtles of these names, or for all, in whole steps.
+
+        The rest of a step counts at the next call. Turtles don't touch each other, so each may have
+        a separate time.
         """
         for turtle in map(self.turtle, names or self.turtles):
             turtle.owed += seconds
@@ -164,7 +166,7 @@ class TurtleWorld:
 
 
 def moved(pose: Pose, seconds: float) -> Pose:
-    """Where *pose* is after some time on its arc, as if there were no walls."""
+    """The pose after some time on its arc, as if there were no walls."""
     speed, turn = pose.linear_velocity, pose.angular_velocity * seconds
     theta = math.remainder(pose.theta + turn, math.tau)
     if abs(pose.angular_velocity) < STRAIGHT:
@@ -183,7 +185,7 @@ def moved(pose: Pose, seconds: float) -> Pose:
 
 
 def _possible(speed: float) -> float:
-    """What the turtle makes of a command; of one that is no number, to stand still."""
+    """Limit a commanded speed; NaN is 0."""
     return 0.0 if math.isnan(speed) else min(max(speed, -FASTEST), FASTEST)
 
 
@@ -194,7 +196,7 @@ def _on_the_sheet(pose: Pose) -> Pose:
 def _is_between(
     start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]
 ) -> bool:
-    """Whether *middle* adds nothing to a straight line; exact to a millionth."""
+    """Whether *middle* is on the straight line between the others, to a millionth."""
     (ax, ay), (bx, by), (cx, cy) = start, middle, end
     along = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
     return along > 0.0 and abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-6 * math.hypot(

@@ -1,12 +1,12 @@
-"""The case study of preview coordination: an object is carried to a box, with and without a look
-ahead.
+"""The case study of preview coordination: an object is carried to a box, with and without a
+preview.
 """
 
 import argparse
 import sys
 
 from robots.options import parser_of
-from robots.show import save_picture, shown
+from robots.show import run_show, save_picture
 from robots.youbot_sim.robot import BACKENDS
 from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
 from robots.youbot_sim.show import SCHEDULES, ShownDelivery, show
@@ -16,18 +16,23 @@ from tca_tools.journal.journals import open_log
 from tca_tools.schedule.build import schedules
 from tca_tools.schedule.svg import svg_text
 
-WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
+WHICH = (
+    "best: box B is free; changed: it is covered on the way;"
+    " plain: it is covered, and nothing is done ahead"
+)
 
 
 def main() -> int:
-    """The command line; the exit code."""
+    """Run the command line. Returns the exit code."""
     parser = parser_of("youbot_sim", __doc__, out="runs/youbot")
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
-    parser.add_argument("--backend", choices=BACKENDS, default="auto", help="of the simulator")
+    parser.add_argument(
+        "--backend", choices=BACKENDS, default="auto", help="backend of the simulator"
+    )
     parser.add_argument(
         "--seed",
         type=int,
-        help="instead of a schedule: a preview, with the box B of that row of the table",
+        help="instead of a schedule: with a preview, and box B as in that row of the table",
     )
     parser.add_argument(
         "--seeds",
@@ -35,7 +40,7 @@ def main() -> int:
         metavar="N",
         help="instead: a table of N deliveries with changing boxes",
     )
-    return shown(
+    return run_show(
         parser, lambda options: _show(options) if options.seeds is None else _table(options.seeds)
     )
 
@@ -50,9 +55,9 @@ def _count(text: str) -> int:
 def _table(seeds: int) -> int:
     print(HEAD)
     rows = []
-    for one in compare(seeds):
-        rows.append(one)
-        print(row(one), flush=True)
+    for compared in compare(seeds):
+        rows.append(compared)
+        print(row(compared), flush=True)
     print(f"\n{summary(rows)}")
     return 0
 

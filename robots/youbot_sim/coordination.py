@@ -11,14 +11,14 @@ THRESHOLD = 0.5
 
 
 def likelihood(candidate: Candidate) -> float:
-    """An arm move is worth as much as it is likely to be needed: its time is saved, whenever it
+    """The value of an arm move: the probability that it is needed. Its time is saved whenever it
     begins.
     """
     return candidate.probability
 
 
 def make_coordinator(*, has_preview: bool = True) -> Coordinator:
-    """With a preview, or the plain machine."""
+    """Make a coordinator with a preview, or for the plain machine."""
     return Coordinator(
         make_delivery(), policy=Discrete(THRESHOLD, likelihood) if has_preview else None
     )
@@ -32,7 +32,7 @@ def make_module(coordinator: Coordinator) -> Module:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the coordinator's program."""
     parser = argparse.ArgumentParser(
         prog="python -m robots.youbot_sim.coordination", description=__doc__
     )

@@ -1,9 +1,9 @@
-"""The machine of the case study: an object is carried to the box at B or, if that is not free, to
-the one at C.
+"""The machine of the case study: an object is carried to the box at B or, if B is not free, to the
+one at C.
 
-The arm may go to its box while the base still drives; that is all that ever happens ahead. The
-needs of the others say why: nothing is let go before the arm is there, the arm is not folded before
-the object is gone, and the base drives back with a folded arm only.
+Only the arm's move to its box can be done ahead, while the base still drives. The needs of the
+other activities prevent theirs. The gripper opens only when the arm has arrived. The arm is tucked
+only when the object is released. The base drives back only with a tucked arm.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
@@ -11,17 +11,17 @@ from robots.youbot_sim.vocabulary import Move
 from tca_behaviours.coordination import Activity, Agent, Coordination, Do, Fact, Perceived
 
 GIVEN, ENOUGH = "object given", "enough"
-"""The events that a user posts."""
+"""The events that the user posts."""
 
 WAITING = "waiting"
 ARM_COST = 0.3
-"""Of an arm move in vain, measured against what an early one gains: 1."""
+"""The cost of an arm move in vain, where the gain of an early one is 1."""
 
 BASE, ARM, GRIPPER = Agent("base"), Agent("arm"), Agent("gripper")
 
 
 def make_delivery() -> Coordination:
-    """Figure 6 of the paper."""
+    """Build the machine of the paper's figure 6."""
     with Coordination("deliver", facts={"base": "A", "arm": "home", "holding": False}) as deliver:
         waiting = deliver.state(WAITING)
         taking = deliver.state(

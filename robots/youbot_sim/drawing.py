@@ -5,7 +5,7 @@ text.
 from collections.abc import Iterable
 
 from robots.drawing import View
-from robots.plane import placed
+from robots.plane import world_place
 from robots.youbot_sim.kinematics import MOUNT, chain, tip_in_world
 from robots.youbot_sim.places import BOXES, POSES
 from robots.youbot_sim.vocabulary import JointReadings, Joints, ObjectPlace
@@ -16,21 +16,23 @@ MAP, SIDE = View(80.0, 180.0, 115.0), View(700.0, 420.0, 330.0)
 LENGTH, BREADTH, DECK = 0.58, 0.376, 0.13
 OBJECT = 0.06
 STYLE = (
-    "text{font:13px sans-serif;fill:#444}.ink{stroke:#33363d;fill:none;stroke-linecap:round;stroke-linejoin:round}"
-    ".base{fill:#e8792b;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}.lid{fill:#8a95a3;stroke:#41566e}"
-    ".box{fill:#c9d6e6;stroke:#41566e;stroke-width:2}.object{fill:#2c9a57;stroke:#1b5f36}"
+    "text{font:13px sans-serif;fill:#444}"
+    ".ink{stroke:#33363d;fill:none;stroke-linecap:round;stroke-linejoin:round}"
+    ".base{fill:#e8792b;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}"
+    ".lid{fill:#8a95a3;stroke:#41566e}.box{fill:#c9d6e6;stroke:#41566e;stroke-width:2}"
+    ".object{fill:#2c9a57;stroke:#1b5f36}"
     ".place{fill:none;stroke:#aaa;stroke-dasharray:4 3}"
 )
 
 
 def draw(robot: JointReadings, *, is_covered: bool) -> str:
-    """The picture. *is_covered*: box B has its lid on."""
+    """Draw the robot. *is_covered*: box B has its lid on."""
     parts = [*_map(robot, is_covered=is_covered), *_side(robot)]
     return document(WIDTH, HEIGHT, "the youBot, from above and from the side", STYLE, parts)
 
 
 def _map(robot: JointReadings, *, is_covered: bool) -> Iterable[str]:
-    """From above: the places, the boxes, the robot with its arm."""
+    """The view from above: the places, the boxes, the robot with its arm."""
     yield '<text x="20" y="24">from above</text>'
     for name, place in POSES["base"].items():
         yield _block("place", place, LENGTH, BREADTH)
@@ -44,7 +46,7 @@ def _map(robot: JointReadings, *, is_covered: bool) -> Iterable[str]:
     x, y, heading = robot.base
     tip = tip_in_world(robot.base, robot.arm)
     yield _block("base", robot.base, LENGTH, BREADTH)
-    yield MAP.line("ink", [placed(x, y, heading, MOUNT, 0.0), tip], stroke_width=7)
+    yield MAP.line("ink", [world_place(x, y, heading, MOUNT, 0.0), tip], stroke_width=7)
     if robot.object in (ObjectPlace.HELD, ObjectPlace.OFFERED):
         yield _block("object", (tip[0], tip[1], heading + robot.arm[0]), OBJECT, OBJECT)
 
@@ -54,7 +56,7 @@ def _block(look: str, place: Joints, length: float, breadth: float) -> str:
     x, y, heading = place
     corners = ((1, 1), (1, -1), (-1, -1), (-1, 1))
     return MAP.shape(
-        look, (placed(x, y, heading, a * length / 2, b * breadth / 2) for a, b in corners)
+        look, (world_place(x, y, heading, a * length / 2, b * breadth / 2) for a, b in corners)
     )
 
 

@@ -1,6 +1,6 @@
-"""The drives: what each group of joints is doing. Both simulators follow them."""
+"""The drives: the motion of each group of joints. Both simulators follow them."""
 
-from robots.youbot_sim.motion import go_on, halt, plan
+from robots.youbot_sim.motion import change_speed, halt, plan
 from robots.youbot_sim.places import POSES
 from robots.youbot_sim.vocabulary import (
     GROUPS,
@@ -19,7 +19,7 @@ START = JointReadings(
 
 
 class Drives:
-    """The motions of each group, one after the other. Times are the caller's."""
+    """The motions of each group, one after the other. The caller gives the times."""
 
     def __init__(self) -> None:
         self._motions: dict[Group, list[tuple[Motion, float]]] = {
@@ -27,12 +27,12 @@ class Drives:
         }
 
     def drive(self, drive: Drive, now: float) -> Motion:
-        """Go somewhere: to the goal of the present motion at once, to another one when the joints
-        have come to rest.
+        """Move to a goal. If it is the present goal, the speed changes at once; otherwise the
+        joints first come to rest. Returns the motion.
         """
         motion, began = self._at(drive.group, now)
         if motion.goal == drive.goal:
-            planned = go_on(motion, now - began, drive)
+            planned = change_speed(motion, now - began, drive)
             self._motions[drive.group] = [(planned, now)]
             return planned
         halted = self.halt(drive.group, now)
@@ -43,28 +43,28 @@ class Drives:
         )
 
     def halt(self, group: Group, now: float) -> Motion:
-        """Come to rest; how that goes."""
+        """Bring a group to rest. Returns the motion."""
         motion, began = self._at(group, now)
         halted = halt(motion, now - began, group)
         self._motions[group] = [(halted, now)]
         return halted
 
     def joints(self, group: Group, now: float) -> Joints:
-        """Where the joints are to be."""
+        """The wanted joint values."""
         motion, began = self._at(group, now)
         return motion.joints(now - began)
 
     def rates(self, group: Group, now: float) -> Joints:
-        """How fast they are to be."""
+        """The wanted joint speeds."""
         motion, began = self._at(group, now)
         return motion.rates(now - began)
 
     def is_moving(self, group: Group, now: float) -> bool:
-        """Whether its last motion goes on."""
+        """Whether the group's last motion has not ended."""
         motion, began = self._motions[group][-1]
         return now - began < motion.seconds
 
     def _at(self, group: Group, now: float) -> tuple[Motion, float]:
-        """The motion at that time, and its beginning."""
+        """The motion at that time, and its start time."""
         motions = self._motions[group]
-        return next((one for one in reversed(motions) if one[1] <= now), motions[0])
+        return next((item for item in reversed(motions) if item[1] <= now), motions[0])

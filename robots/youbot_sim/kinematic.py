@@ -1,5 +1,5 @@
-"""The quick backend: no dynamics. Joints are where the drives want them, and an object that is let
-go has fallen.
+"""The quick backend: no dynamics. Joints are where the drives want them; a released object falls at
+once.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from robots.youbot_sim.vocabulary import GROUPS, JointReadings, Joints, ObjectPl
 
 
 class KinematicManipulator:
-    """Exact at any time; it needs no steps."""
+    """A manipulator that is exact at any time and needs no steps."""
 
     name = "kinematic"
 
@@ -22,7 +22,7 @@ class KinematicManipulator:
         self._is_covered = False
 
     def follow(self, drives: Drives, now: float) -> None:
-        """Take up the joints, and let the fingers close around the object, or let it go."""
+        """Set the joints, and let the fingers grip or release the object."""
         base, arm, (gap,) = (drives.joints(group, now) for group in GROUPS)
         thing = self._readings.object
         if thing is ObjectPlace.OFFERED and gap <= OBJECT[0]:
@@ -35,23 +35,23 @@ class KinematicManipulator:
         )
 
     def measured(self) -> JointReadings:
-        """As the drives have it."""
+        """The joints as set by the drives, and the object."""
         return self._readings
 
     def assume(self, readings: JointReadings) -> None:
-        """Take it over as it is."""
+        """Set joints and object."""
         self._readings = readings
 
     def offer(self) -> None:
-        """Between the fingers."""
+        """Put the object between the fingers."""
         self._readings = replace(self._readings, object=ObjectPlace.OFFERED)
 
     def cover(self, *, is_covered: bool) -> None:
-        """Remember it."""
+        """Store whether box B is covered."""
         self._is_covered = is_covered
 
     def picture(self, path: Path) -> Path:
-        """A drawing from above and from the side, as SVG."""
+        """Draw the robot from above and from the side, as SVG."""
         written = path.with_suffix(".svg")
         written.write_text(draw(self._readings, is_covered=self._is_covered), encoding="utf-8")
         return written
@@ -60,7 +60,7 @@ class KinematicManipulator:
         """Nothing to free."""
 
     def _below(self, base: Joints, arm: Joints) -> ObjectPlace:
-        """Where something falls that is let go."""
+        """The place to which a released object falls."""
         x, y, _ = tip_in_world(base, arm)
         for box in BOXES:
             is_closed = box.place is ObjectPlace.BOX_B and self._is_covered

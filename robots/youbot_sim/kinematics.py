@@ -1,19 +1,19 @@
-"""The arm: where its fingertips are, and which joint angles bring them somewhere. Closed forms; no
-simulator in here.
+"""The arm: where its fingertips are, and the joint angles that bring them to a place. Closed forms,
+without a simulator.
 
-Angles are zero where the arm stands upright; positive ones lean it forward. The joints are those of
-the data sheet: one that turns the arm, three that lean it, and one that turns the gripper.
+Angles are zero where the arm is upright; positive ones lean it forward. The joints are those of the
+data sheet: one turns the arm, three lean it, and one turns the gripper.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robots.plane import placed
+from robots.plane import world_place
 from robots.youbot_sim.vocabulary import Joints
 
 MOUNT = 0.167
-"""How far ahead of the base's centre the arm turns."""
+"""The distance (m) of the arm's axis ahead of the base's centre."""
 
 SHOULDER_AHEAD, SHOULDER_HEIGHT = 0.033, 0.245
 UPPER, FORE, HAND = 0.155, 0.135, 0.2175
@@ -32,13 +32,15 @@ LIMITS = tuple(
 
 
 class PoseUnreachable(Exception):
-    """A pose that the arm can't take."""
+    """The arm can't reach a pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A pose of the fingertips, seen from where the arm turns: *azimuth* to the left, *reach*
-    ahead, *height* above the floor, and *lean* of the hand (0 upright, pi straight down).
+    """A pose of the fingertips relative to the arm's axis.
+
+    *azimuth* is the angle to the left, *reach* the distance ahead, *height* that above the floor.
+    *lean* is the angle of the hand (0 upright, pi straight down).
     """
 
     azimuth: float
@@ -48,7 +50,7 @@ class Grip:
 
 
 def chain(joints: Joints) -> Iterator[tuple[float, float]]:
-    """Shoulder, elbow, wrist and fingertips: how far ahead of where the arm turns, and how high."""
+    """How far ahead of the arm's axis, and how high, are shoulder, elbow, wrist and fingertips."""
     ahead, up, lean = SHOULDER_AHEAD, SHOULDER_HEIGHT, 0.0
     yield ahead, up
     for length, angle in zip((UPPER, FORE, HAND), joints[1:4], strict=True):
@@ -58,7 +60,7 @@ def chain(joints: Joints) -> Iterator[tuple[float, float]]:
 
 
 def grip_of(joints: Joints) -> Grip:
-    """Where the fingertips are."""
+    """The pose of the fingertips."""
     *_, (reach, height) = chain(joints)
     return Grip(joints[0], reach, height, sum(joints[1:4]))
 
@@ -70,7 +72,8 @@ def joints_for(grip: Grip) -> Joints:
     bend = (ahead * ahead + up * up - UPPER * UPPER - FORE * FORE) / (2 * UPPER * FORE)
     if not -1 <= bend <= 1:
         raise PoseUnreachable(
-            f"{grip} is out of reach: the wrist would be {math.hypot(ahead, up):.3f} m from the shoulder"
+            f"{grip} is out of reach:"
+            f" the wrist would be {math.hypot(ahead, up):.3f} m from the shoulder"
         )
     elbow = math.acos(bend)
     shoulder = math.atan2(ahead, up) - math.atan2(FORE * math.sin(elbow), UPPER + FORE * bend)
@@ -78,13 +81,14 @@ def joints_for(grip: Grip) -> Joints:
     for number, (angle, (low, high)) in enumerate(zip(joints, LIMITS, strict=True), start=1):
         if not low <= angle <= high:
             raise PoseUnreachable(
-                f"{grip} is out of reach: joint {number} can't turn to {math.degrees(angle):.0f} degrees"
+                f"{grip} is out of reach:"
+                f" joint {number} can't turn to {math.degrees(angle):.0f} degrees"
             )
     return joints
 
 
 def tip_in_world(base: Joints, arm: Joints) -> tuple[float, float, float]:
-    """The fingertips in the world, of a base at x, y, heading."""
+    """The fingertips in the world, for a base at x, y, heading."""
     grip = grip_of(arm)
     ahead, left = MOUNT + grip.reach * math.cos(grip.azimuth), grip.reach * math.sin(grip.azimuth)
-    return *placed(base[0], base[1], base[2], ahead, left), grip.height
+    return *world_place(base[0], base[1], base[2], ahead, left), grip.height

@@ -1,26 +1,26 @@
-"""What the robot's modules say to each other. Nobody needs to know who handles them."""
+"""The messages between the robot's modules. No module needs to know the handler of a message."""
 
 from robots.youbot_sim.vocabulary import Drive, JointReadings, Motion, Move
 from tca_module import Command, Failure, Query, Variable
 
-# What a coordinator uses. Progress is the part of the way that is done, from 0 to 1.
+# Messages of the coordinator. Progress is the part of the way that is done, from 0 to 1.
 MOVE_BASE = Command("move base", Move, progress=float)
 MOVE_ARM = Command("move arm", Move, progress=float)
 MOVE_GRIPPER = Command("move gripper", Move, progress=float)
 BOX_B_FREE = Variable("box B is free", float)
-"""How sure perception is of it, from 0 to 1."""
+"""How sure perception is that box B is free, from 0 to 1."""
 
 UNKNOWN_POSE = Failure("unknown pose", str)
 DID_NOT_ARRIVE = Failure("did not arrive", float)
-"""By how much the farthest joint missed its goal."""
+"""The distance of the farthest joint from its goal."""
 
-# What the user does.
+# Messages of the user.
 CARRY_OBJECTS = Command("carry objects", int)
-"""Have the robot carry so many, one after the other."""
+"""Have the robot carry this number of objects, one after the other."""
 
 OFFER_OBJECT = Command("offer object")
 
-# What the simulator answers.
+# Queries to the simulator.
 DRIVE = Query("drive", Drive, reply=Motion)
 HALT = Query("halt", str, reply=Motion)
 MEASURE = Query("measure", reply=JointReadings)

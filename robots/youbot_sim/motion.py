@@ -1,4 +1,4 @@
-"""Motions within limits: each is as fast as the slowest of its joints allows, and all joints arrive
+"""Motions within limits: each is as fast as its slowest joint allows, and all joints arrive
 together.
 """
 
@@ -8,17 +8,17 @@ from collections.abc import Iterable
 from robots.youbot_sim.vocabulary import Drive, Group, Joints, Motion, Phase
 
 SPEEDS: dict[Group, Joints] = {"base": (0.6, 0.6, 0.8), "arm": (0.9,) * 5, "gripper": (0.02,)}
-"""Greatest speeds, below the robot's own (0.8 m/s, 1.57 rad/s): it carries something."""
+"""Greatest speeds, below the robot's own (0.8 m/s, 1.57 rad/s), because it carries an object."""
 
 ACCELERATIONS: dict[Group, Joints] = {"base": (0.6, 0.6, 0.8), "arm": (1.5,) * 5, "gripper": (0.1,)}
 
 REST = 1e-9
-"""A way of less than this is none."""
+"""A shorter way counts as no way."""
 
 
 def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
-    """The way to the goal from where the joints are. *rate*: the share of this way that they
-    already do per second.
+    """Plan the motion to the goal from the present joint values. *rate* is the present speed, in
+    shares of this way per second.
     """
     way = [abs(b - a) for a, b in zip(start, drive.goal, strict=True)]
     if max(way) < REST:
@@ -35,8 +35,8 @@ def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
     return Motion(start, drive.goal, _phases(rate, [first, cruise, (peak / strongest, -strongest)]))
 
 
-def go_on(motion: Motion, seconds: float, drive: Drive) -> Motion:
-    """From amidst a motion, to the same goal with another speed."""
+def change_speed(motion: Motion, seconds: float, drive: Drive) -> Motion:
+    """Continue a motion to the same goal with another speed."""
     share = motion.share(seconds)
     return plan(
         drive, motion.joints(seconds), motion.rate(seconds) / (1 - share) if share < 1 else 0.0
@@ -50,15 +50,15 @@ def halt(motion: Motion, seconds: float, group: Group) -> Motion:
         return Motion(start, start, ())
     way = [abs(b - a) for a, b in zip(motion.start, motion.goal, strict=True)]
     seconds_left = rate / _least(way, ACCELERATIONS[group])
-    gone = rate * seconds_left / 2
+    braking_way = rate * seconds_left / 2
     goal = tuple(
-        a + gone * (b - c) for a, b, c in zip(start, motion.goal, motion.start, strict=True)
+        a + braking_way * (b - c) for a, b, c in zip(start, motion.goal, motion.start, strict=True)
     )
     return Motion(start, goal, (Phase(seconds_left, -2 / seconds_left**2, 0.0, 2 / seconds_left),))
 
 
 def _least(way: Iterable[float], limits: Joints) -> float:
-    """The limit of the joint that takes longest, in shares of the way."""
+    """The limit of the slowest joint, in shares of the way."""
     return min(limit / length for length, limit in zip(way, limits, strict=True) if length > REST)
 
 

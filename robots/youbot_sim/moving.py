@@ -1,4 +1,6 @@
-"""A module that moves one group of joints: base, arm and gripper differ in nothing else."""
+"""A module that moves one group of joints. The modules of base, arm and gripper differ in nothing
+else.
+"""
 
 import sys
 from dataclasses import replace
@@ -21,19 +23,19 @@ from tca_module import Module, Task
 MOVES = {"base": MOVE_BASE, "arm": MOVE_ARM, "gripper": MOVE_GRIPPER}
 
 REPORTS = 20
-"""A move tells so often how far it is."""
+"""How often a move reports its progress."""
 
 TOLERANCE: dict[Group, float] = {"base": 0.02, "arm": 0.03, "gripper": 0.03}
-"""The fingers stop at what they hold."""
+"""The allowed distance from the goal. For the gripper it includes the width of a held object."""
 
 INSTANT = 1e-6
 """Seconds too short to wait for."""
 
 SETTLING = 0.05
-"""Seconds after which joints that lag behind are measured again."""
+"""Seconds between two measurements of joints that lag behind."""
 
 PATIENCE = 20
-"""How often they are."""
+"""How often they are measured."""
 
 
 def make_module(group: Group) -> Module:
@@ -48,7 +50,7 @@ def make_module(group: Group) -> Module:
                 _settle(task, group, goal)
                 return
         except BaseException:
-            with task.shielded():  # a killed one, too, leaves its joints at rest
+            with task.shielded():  # a killed move, too, leaves its joints at rest
                 task.query(HALT, group)
             raise
         task.sleep(task.query(HALT, group).seconds)
@@ -66,8 +68,8 @@ def _goal(group: Group, wanted: Move) -> Joints:
 
 
 def _arrives(task: Task, to: str, drive: Drive) -> bool:
-    """Drive there, tell how far it is, and hear what clients want meanwhile; False if they want its
-    end.
+    """Drive to the goal, report progress, and handle clients' requests. Returns False if a client
+    cancels the move.
     """
     motion, began, done = task.query(DRIVE, drive), task.time(), 0.0
     task.report(0.0)
@@ -79,7 +81,7 @@ def _arrives(task: Task, to: str, drive: Drive) -> bool:
         elif request.transition == "cancel":
             return False
         elif request.goal.to != to:
-            request.reject(f"it goes to '{to}': cancel that first")
+            request.reject(f"the move goes to '{to}': cancel it first")
         else:
             request.accept()
             motion, began, done = (
@@ -91,7 +93,7 @@ def _arrives(task: Task, to: str, drive: Drive) -> bool:
 
 
 def _settle(task: Task, group: Group, goal: Joints) -> None:
-    """Wait until the joints are there."""
+    """Wait until the joints are at the goal."""
     for _ in range(PATIENCE):
         missed = max(
             abs(a - b) for a, b in zip(task.query(MEASURE).joints(group), goal, strict=True)

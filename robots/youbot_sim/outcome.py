@@ -1,4 +1,4 @@
-"""What became of a delivery, read from the journal: when which agent did what, and what was done
+"""The outcome of a delivery, read from the journal: when each agent worked, and which work was done
 ahead or in vain.
 """
 
@@ -15,8 +15,8 @@ from tca_wire.life_cycles import Effect
 
 @dataclass(frozen=True, slots=True)
 class DoneTask:
-    """A task of an agent, from when until when (seconds since the object was given), and what it
-    was to the machine.
+    """A task of an agent: its start and end in seconds since the object was given, and its roles in
+    the machine.
     """
 
     agent: str
@@ -26,28 +26,29 @@ class DoneTask:
     roles: tuple[TaskRole, ...]
 
     def __str__(self) -> str:
-        return f"{self.start:6.2f} - {self.end:5.2f} s  {self.agent:8} {self.state:14} {', '.join(self.roles)}"
+        roles = ", ".join(self.roles)
+        return f"{self.start:6.2f} - {self.end:5.2f} s  {self.agent:8} {self.state:14} {roles}"
 
 
 @dataclass(frozen=True, slots=True)
 class CarriedObject:
-    """One object, from the hand of the user until the robot waits again."""
+    """The delivery of one object, from the user's hand until the robot waits again."""
 
     seconds: float
     tasks: tuple[DoneTask, ...]
 
     def with_role(self, role: TaskRole) -> list[DoneTask]:
-        """The tasks that were that in the end."""
+        """The tasks that had this role in the end."""
         return [task for task in self.tasks if task.roles[-1] is role]
 
     @property
     def seconds_in_vain(self) -> float:
-        """How long agents worked on what was of no use."""
+        """How long agents worked on tasks that turned out to be useless."""
         return sum(task.end - task.start for task in self.with_role(TaskRole.WASTED))
 
 
 def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
-    """The delivery of a journal that holds one."""
+    """Read the only delivery of a journal."""
     history = History.until(entries)
     ((coordinator, record),) = coordinators(history)
     labels = [state.label for state in record.chart.states]
@@ -56,18 +57,16 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
         for change in coordinator.life
         if change.effect is Effect.RESULT
     ]
-    told = [(time, report) for time, report in reports if report is not None]
-    given = next(time for time, report in told if report.taken == GIVEN)
+    known = [(time, report) for time, report in reports if report is not None]
+    given = next(time for time, report in known if report.taken == GIVEN)
     waits = next(
-        time for time, report in told if time > given and labels[report.current] == WAITING
+        time for time, report in known if time > given and labels[report.current] == WAITING
     )
     tasks = []
-    for one in record.tasks.values():
-        start, end = worked(history, history.tasks[one.id]) or (given, given)
-        roles = tuple(role for _, role in one.roles)
-        start, end = (
-            max(start - given, 0.0),
-            max(end - given, 0.0),
-        )  # the report that it began is a bit later
-        tasks.append(DoneTask(one.agent, one.state, start, end, roles))
+    for task in record.tasks.values():
+        start, end = worked(history, history.tasks[task.id]) or (given, given)
+        roles = tuple(role for _, role in task.roles)
+        # The report of the start arrives a little after the start.
+        start, end = max(start - given, 0.0), max(end - given, 0.0)
+        tasks.append(DoneTask(task.agent, task.state, start, end, roles))
     return CarriedObject(waits - given, tuple(tasks))

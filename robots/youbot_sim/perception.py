@@ -1,7 +1,6 @@
-"""Perception: looks into box B, and says how sure it is that the box is free.
+"""Perception: looks into box B, and publishes how sure it is that the box is free.
 
-It does not jump to a conclusion: each look brings it half-way from what it believed to what it
-sees.
+It does not change its mind at once: each look moves its belief half-way to what it sees.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, LOOK
@@ -11,11 +10,11 @@ PERIOD = 0.2
 """Seconds between two looks."""
 
 SURE = 0.05
-"""Nearer to certainty than that is certain."""
+"""The distance from certainty below which a belief counts as certain."""
 
 
-def believed(confidence: float | None, *, is_free: bool) -> float:
-    """The confidence after a look; None: before the first one."""
+def updated_confidence(confidence: float | None, *, is_free: bool) -> float:
+    """The confidence after a look; *confidence* is None before the first one."""
     seen = float(is_free)
     if confidence is None or abs(seen - confidence) / 2 < SURE:
         return seen
@@ -23,15 +22,17 @@ def believed(confidence: float | None, *, is_free: bool) -> float:
 
 
 def make_module() -> Module:
-    """The module."""
+    """Make the module."""
     perception = Module("perception")
-    told: list[float] = []
+    published: list[float] = []
 
     @perception.every(PERIOD)
     def look(callback: Callback) -> None:
-        confidence = believed(told[-1] if told else None, is_free=callback.query(LOOK))
-        if told != [confidence]:
-            told[:] = [confidence]
+        confidence = updated_confidence(
+            published[-1] if published else None, is_free=callback.query(LOOK)
+        )
+        if published != [confidence]:
+            published[:] = [confidence]
             callback.set_variable(BOX_B_FREE, confidence, wait=False)
 
     return perception

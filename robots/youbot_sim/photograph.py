@@ -1,6 +1,4 @@
-"""From a raw rendering to a picture worth showing: where the camera stands, the floor with its
-lines, shadows.
-"""
+"""Photographs from raw renderings: the camera's place, the floor with its lines, and shadows."""
 
 import math
 
@@ -12,7 +10,7 @@ from robots.rendering import (
     Rendering,
     camera_in_the_sun,
     ground_places,
-    halved,
+    halve,
     near_multiple,
     shadow,
 )
@@ -24,7 +22,7 @@ FLOOR, WALL = np.array([222.0, 219.0, 211.0]), np.array([243.0, 243.0, 240.0])
 
 
 def camera_at(x: float, y: float, heading: float) -> Camera:
-    """To the right of the robot and a little ahead."""
+    """A camera to the right of the robot and a little ahead."""
     around = heading - 0.95
     eye = (x + 0.15 + 1.8 * math.cos(around), y + 1.8 * math.sin(around), 1.0)
     return Camera(
@@ -37,12 +35,12 @@ def camera_at(x: float, y: float, heading: float) -> Camera:
 
 
 def sun_over(x: float, y: float) -> Camera:
-    """From the sun: what the robot hides from there lies in its shadow."""
+    """A camera at the sun: what the robot hides from it lies in shadow."""
     return camera_in_the_sun(SUN, SUN_DISTANCE, (x, y, 0.0), angle=4.5, depth=5.0)
 
 
 def develop(frame: Rendering, from_sun: Rendering) -> Pixels:
-    """The finished picture, half as large. Floor and background are painted here."""
+    """Make the finished picture, at half the size. Floor and background are painted here."""
     image = frame.colours.astype(np.float64)
     places = ground_places(frame)
     lines = near_multiple(places[:, 0], 0.5, 0.004) | near_multiple(places[:, 1], 0.5, 0.004)
@@ -54,4 +52,4 @@ def develop(frame: Rendering, from_sun: Rendering) -> Pixels:
     )[:, None]
     image[frame.ground] = FLOOR * light[:, None] * (1 - far) + WALL * far
     image[~(frame.ground | frame.objects)] = WALL
-    return halved(image)
+    return halve(image)

@@ -1,6 +1,4 @@
-"""The robot in PyBullet: rigid bodies, motors, a grip by friction. The only file here that knows
-the engine.
-"""
+"""The robot in PyBullet: rigid bodies, motors, a grip by friction. No other file uses PyBullet."""
 
 import math
 from pathlib import Path
@@ -8,7 +6,7 @@ from pathlib import Path
 import pybullet
 
 from robots.engine import BulletWorld
-from robots.plane import placed
+from robots.plane import world_place
 from robots.rendering import RENDERED, write_png
 from robots.urdf import Triple
 from robots.youbot_sim import photograph
@@ -22,10 +20,10 @@ Quadruple = tuple[float, float, float, float]
 
 TICK = 1 / 240
 MASS = 0.15
-"""Of the object, kg."""
+"""The mass of the object (kg)."""
 
 NEAR = 0.05
-"""An object no farther from the fingertips than that is between them."""
+"""An object at most this far (m) from the fingertips is between them."""
 
 MOTORS: dict[Group, tuple[str, ...]] = {
     "base": ("x", "y", "heading"),
@@ -36,7 +34,7 @@ WALLS, LID, OBJECT_COLOUR = (0.42, 0.56, 0.72, 1), (0.35, 0.38, 0.42, 1), (0.16,
 
 
 class BulletManipulator(BulletWorld):
-    """A simulated robot, its floor and boxes, in a physics world of its own."""
+    """A simulated robot, its floor and boxes, in a separate physics world."""
 
     name = "pybullet"
     _sun, _ambient = photograph.SUN, 0.6
@@ -51,11 +49,11 @@ class BulletManipulator(BulletWorld):
         self._time: float | None = None
         self._lid: int | None = None
         self._object: int | None = None
-        self._hand: int | None = None  # a constraint: what holds the object while it is offered
+        self._hand: int | None = None  # the constraint that holds an offered object
         self.assume(START)
 
     def follow(self, drives: Drives, now: float) -> None:
-        """Step the world; its motors work towards what the drives want."""
+        """Step the world; the motors follow the drives."""
         if self._time is None:
             self._time = now
         while self._time + TICK <= now:
@@ -68,12 +66,12 @@ class BulletManipulator(BulletWorld):
             self._hand = None
 
     def measured(self) -> JointReadings:
-        """What encoders tell, and where the object really is."""
+        """The values of the encoders, and the true place of the object."""
         base, arm, fingers = (self._positions(group) for group in GROUPS)
         return JointReadings(base, arm, (sum(fingers),), self._object_place(base, arm))
 
     def assume(self, readings: JointReadings) -> None:
-        """Put all joints where they are to be."""
+        """Set all joints to these values."""
         for group in GROUPS:
             for joint, value in zip(
                 MOTORS[group], _per_motor(group, readings.joints(group)), strict=True
@@ -83,7 +81,7 @@ class BulletManipulator(BulletWorld):
             self._make_object(readings)
 
     def offer(self) -> None:
-        """A new object, held in its place until the fingers have it."""
+        """Create an object that is held in place until the fingers grip it."""
         self._object, place, turn = self._make_object(self.measured())
         self._hand = self._engine.createConstraint(
             self._object,
@@ -98,7 +96,7 @@ class BulletManipulator(BulletWorld):
         )
 
     def _make_object(self, readings: JointReadings) -> tuple[int, Triple, Quadruple]:
-        """An object between the fingers: its body, where it is, and how it is turned."""
+        """Make an object between the fingers. Returns its body, place and orientation."""
         place = tip_in_world(readings.base, readings.arm)
         lean, heading = sum(readings.arm[1:4]), readings.base[2] + readings.arm[0]
         turn = pybullet.getQuaternionFromEuler((0.0, lean, heading))
@@ -180,7 +178,7 @@ class BulletManipulator(BulletWorld):
         mass: float = 0.0,
         turn: Quadruple = (0, 0, 0, 1),
     ) -> int:
-        """A solid block; one without mass does not move."""
+        """Make a solid block. Without mass it does not move."""
         half = [side / 2 for side in size]
         shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
         look = self._engine.createVisualShape(pybullet.GEOM_BOX, halfExtents=half, rgbaColor=colour)
@@ -188,7 +186,7 @@ class BulletManipulator(BulletWorld):
         return body
 
     def _make_box(self, box: DropBox) -> None:
-        """A bottom and four walls."""
+        """Make a box of a bottom and four walls."""
         turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
         across, thick = box.size + 2 * box.wall, box.wall
         offset, middle = (box.size + thick) / 2, box.height / 2
@@ -197,10 +195,10 @@ class BulletManipulator(BulletWorld):
         parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
         for size, (ahead, left, up) in parts:
             self._make_body(
-                size, (*placed(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn
+                size, (*world_place(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn
             )
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:
-    """Each finger does half of the gap between them."""
+    """The values of each motor. Each finger has half of the gap."""
     return [joints[0] / 2] * 2 if group == "gripper" else list(joints)

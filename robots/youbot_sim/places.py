@@ -1,4 +1,4 @@
-"""Where things are: the poses that the robot knows by name, the boxes, the object."""
+"""The named poses of the robot, the boxes, and the object's size."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from robots.youbot_sim.kinematics import Grip, joints_for
 from robots.youbot_sim.vocabulary import Group, Joints, ObjectPlace
 
 OBJECT = (0.040, 0.040, 0.060)
-"""Its sizes: as wide as the fingers are apart that hold it."""
+"""The size of the object; it is as wide as the gap of the fingers that hold it."""
 
 POSES: dict[Group, dict[str, Joints]] = {
     "base": {"A": (0.0, 0.0, 0.0), "B": (2.4, 0.7, 0.4), "C": (1.5, -1.4, -0.9)},
@@ -19,12 +19,12 @@ POSES: dict[Group, dict[str, Joints]] = {
     },
     "gripper": {"open": (0.053,), "closed": (0.030,)},
 }
-"""What each group of joints can be told to go to."""
+"""The poses that each group of joints can be sent to."""
 
 
 @dataclass(frozen=True, slots=True)
 class DropBox:
-    """A box without a top, on the floor; *size* is that of its square bottom, inside."""
+    """A box without a top, on the floor. *size* is the inner side of its square bottom."""
 
     place: ObjectPlace
     x: float
@@ -35,7 +35,7 @@ class DropBox:
     wall: float = 0.01
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether something that is let go above this point falls into it."""
+        """Whether an object released above this point falls into the box."""
         return max(map(abs, seen_from(self.x, self.y, self.heading, x, y))) < self.size / 2
 
 

@@ -1,6 +1,4 @@
-"""The interface of a simulated robot and its surroundings, and how to get one: with physics where
-it can be had.
-"""
+"""The interface of a simulated robot and its surroundings, and a function that makes one."""
 
 import importlib
 import importlib.util
@@ -24,26 +22,26 @@ class MobileManipulator(Protocol):
         """Let time pass until *now*."""
 
     def measured(self) -> JointReadings:
-        """The joints, and the object."""
+        """The joint values and the place of the object."""
 
     def assume(self, readings: JointReadings) -> None:
-        """Take up a posture, at rest; with the object between the fingers, if it is held."""
+        """Set a posture at rest, with the object between the fingers if it is held."""
 
     def offer(self) -> None:
-        """A hand holds the object between the fingers."""
+        """Hold an object between the fingers, as a user's hand does."""
 
     def cover(self, *, is_covered: bool) -> None:
         """Put a lid on box B, or take it off."""
 
     def picture(self, path: Path) -> Path:
-        """Draw robot and boxes; returns the path written, whose ending may differ."""
+        """Draw robot and boxes. Returns the path written, whose ending may differ."""
 
     def close(self) -> None:
-        """Free what the simulator holds."""
+        """Free the resources of the simulator."""
 
 
 def make_robot(backend: Physics = "auto") -> MobileManipulator:
-    """A robot at place A. "auto" takes PyBullet if it is installed, else the kinematic twin."""
+    """Make a robot at place A. "auto" is PyBullet if installed, else the kinematic backend."""
     if backend == "kinematic" or (
         backend == "auto" and importlib.util.find_spec("pybullet") is None
     ):

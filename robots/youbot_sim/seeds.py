@@ -1,6 +1,7 @@
-"""Many deliveries with changing boxes, each with and without a preview: how much sooner the robot
-is done, and what wrong predictions cost. Without physics and on a stepped clock, so each seed comes
-out the same every time.
+"""Deliveries with changing boxes, each with and without a preview: the time saved, and the cost of
+wrong predictions.
+
+They run without physics on a stepped clock, so each seed always gives the same result.
 """
 
 import random
@@ -18,7 +19,7 @@ SHORTEST, LONGEST = 1.0, 8.0
 """Seconds between two changes of box B."""
 
 UNTIL = 12.0
-"""By then the robot has passed box B."""
+"""Seconds after which the robot has passed box B."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,21 +31,21 @@ class SeedRow:
     plain: CarriedObject
     preview: CarriedObject
     foreseen: CarriedObject
-    """With a preview, if box B had been from the beginning as it was when the robot came there."""
+    """With a preview and a box B that was from the start as the robot found it."""
 
     @property
     def speed_up(self) -> float:
-        """How many times sooner the robot is done."""
+        """How many times faster the delivery with the preview is."""
         return self.plain.seconds / self.preview.seconds
 
     @property
     def delay(self) -> float:
-        """Seconds by which it would have been done sooner yet, had all predictions been right."""
+        """Seconds that wrong predictions cost."""
         return self.preview.seconds - self.foreseen.seconds
 
 
 def lid_of(seed: int) -> Lid:
-    """Free or covered for a few seconds at a time, at random."""
+    """A lid that is put on and taken off at random times."""
     dice = random.Random(seed)  # noqa: S311 - not for secrets
     starts_covered, changes, time = dice.random() < 0.5, [], 0.0
     while (time := time + dice.uniform(SHORTEST, LONGEST)) < UNTIL:
@@ -53,7 +54,7 @@ def lid_of(seed: int) -> Lid:
 
 
 def compare(seeds: int) -> Iterator[SeedRow]:
-    """Seed by seed."""
+    """Run the deliveries, seed by seed."""
     for seed in range(1, seeds + 1):
         lid = lid_of(seed)
         plain, preview = (_delivered(lid, has_preview=has_preview) for has_preview in (False, True))
@@ -68,30 +69,32 @@ def _delivered(lid: Lid, *, has_preview: bool) -> CarriedObject:
 
 
 HEAD = (
-    "| seed | box B, seconds after the object was given | plain | preview | speed-up | arm ahead | in vain "
-    "| delay |\n|---:|---|---:|---:|---:|---|---:|---:|"
+    "| seed | box B, seconds after the object was given | plain | preview | speed-up | arm ahead "
+    "| in vain | delay |\n|---:|---|---:|---:|---:|---|---:|---:|"
 )
 
 
-def row(one: SeedRow) -> str:
-    """Of the table."""
-    kept, wasted = (len(one.preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
+def row(seed: SeedRow) -> str:
+    """Format a row of the table."""
+    kept, wasted = (len(seed.preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
     ahead = ", ".join([f"{kept} kept"] * bool(kept) + [f"{wasted} wasted"] * bool(wasted)) or "none"
     return (
-        f"| {one.seed} | {one.lid} | {one.plain.seconds:.1f} s | {one.preview.seconds:.1f} s | {one.speed_up:.2f} "
-        f"| {ahead} | {one.preview.seconds_in_vain:.1f} s | {one.delay:.1f} s |"
+        f"| {seed.seed} | {seed.lid} | {seed.plain.seconds:.1f} s | {seed.preview.seconds:.1f} s "
+        f"| {seed.speed_up:.2f} | {ahead} | {seed.preview.seconds_in_vain:.1f} s "
+        f"| {seed.delay:.1f} s |"
     )
 
 
 def summary(rows: list[SeedRow]) -> str:
-    """Under the table."""
-    best, worst = max(one.speed_up for one in rows), min(one.speed_up for one in rows)
-    wrong = [one for one in rows if one.preview.with_role(TaskRole.WASTED)]
-    vain = sum(one.preview.seconds_in_vain for one in rows)
-    late = sum(one.delay for one in rows)
-    saved = sum(one.plain.seconds - one.preview.seconds for one in rows)
+    """Summarise the table."""
+    speed_ups = [seed.speed_up for seed in rows]
+    wrong = [seed for seed in rows if seed.preview.with_role(TaskRole.WASTED)]
+    vain = sum(seed.preview.seconds_in_vain for seed in rows)
+    late = sum(seed.delay for seed in rows)
+    saved = sum(seed.plain.seconds - seed.preview.seconds for seed in rows)
     return (
-        f"Speed-up {geometric_mean(one.speed_up for one in rows):.2f} (geometric mean), from {worst:.2f} to "
-        f"{best:.2f}: {saved:.1f} s saved. Wrong predictions in {len(wrong)} of {len(rows)} runs: the arm moved "
-        f"{vain:.1f} s in vain, and all deliveries together took {late:.1f} s longer than with right ones."
+        f"Speed-up {geometric_mean(speed_ups):.2f} (geometric mean),"
+        f" from {min(speed_ups):.2f} to {max(speed_ups):.2f}: {saved:.1f} s saved."
+        f" Wrong predictions in {len(wrong)} of {len(rows)} runs: the arm moved {vain:.1f} s in"
+        f" vain, and all deliveries together took {late:.1f} s longer than with right ones."
     )

@@ -1,5 +1,5 @@
-"""A delivery by programs of their own: starts central and the robot's modules, gives the object,
-reads the journal.
+"""A delivery with each program as a process: starts central and the robot's modules, gives the
+object, and reads the journal.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 @dataclass(frozen=True, slots=True)
 class ShownDelivery:
-    """One of figure 7: what becomes of box B, and whether the coordinator looks ahead."""
+    """A delivery of figure 7: the lid of box B, and whether the coordinator has a preview."""
 
     title: str
     lid: Lid = field(default_factory=Lid)
@@ -35,8 +35,8 @@ SCHEDULES = {
 
 
 def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[CarriedObject, Path]:
-    """Carry it out, in place of an earlier one; what became of it, and a picture of the robot over
-    the box.
+    """Run the delivery and replace the files of an earlier one. Returns its outcome, and a picture
+    of the robot over the box.
     """
     simulator = ["--backend", backend, *(["--covered"] * schedule.lid.starts_covered)]
     for change in schedule.lid.changes:
@@ -60,7 +60,7 @@ def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[Carri
 
 
 def _watch(client: Client, programs: Programs) -> JointReadings:
-    """Have an object carried; where the robot is when the fingers open."""
+    """Have an object carried. Returns the robot's joints at the time when the fingers open."""
     programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, *MOVES.values())
     seen: JointReadings | None = None
     with client.observe(MOVE_GRIPPER, states=["running"]) as moves:

@@ -18,15 +18,15 @@ STEP = 1 / 30
 
 @dataclass(frozen=True, slots=True)
 class Lid:
-    """What becomes of box B: free at first, or covered if it *starts covered*; after each of the
-    *changes*, seconds after the object was offered, the other way round.
+    """The lid of box B: on at first if it *starts covered*, otherwise off. It changes at each of
+    the *changes*, in seconds after the object was offered.
     """
 
     changes: tuple[float, ...] = ()
     starts_covered: bool = False
 
     def is_on(self, passed: float) -> bool:
-        """Whether it covers the box so many seconds after the object was offered."""
+        """Whether it covers the box *passed* seconds after the object was offered."""
         return self.starts_covered != bool(sum(change <= passed for change in self.changes) % 2)
 
     def __str__(self) -> str:
@@ -40,7 +40,7 @@ class Lid:
 
 
 class SimulatedRobot:
-    """A robot with its drives, and the lid of box B, at a time that only grows."""
+    """A robot with its drives, and the lid of box B. Its time only grows."""
 
     def __init__(self, robot: MobileManipulator, lid: Lid) -> None:
         self.robot = robot
@@ -59,18 +59,16 @@ class SimulatedRobot:
         self.robot.offer()
 
     def is_covered(self, now: float) -> bool:
-        """Whether box B is."""
+        """Whether box B is covered."""
         return self._lid.is_on(0.0 if self._offered_at is None else now - self._offered_at)
 
 
 def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
-    """The module that simulates a robot; one that *has_steps* also while nobody asks for
-    anything.
-    """
+    """Make the module of a simulated robot. With *has_steps* it also simulates between requests."""
     simulator = Module("simulator")
 
     def now(sender: Task | Callback) -> SimulatedRobot:
-        """The robot as it is now."""
+        """The robot at the present time."""
         simulated.follow(sender.time())
         return simulated
 
@@ -87,7 +85,7 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the simulator."""
     parser = argparse.ArgumentParser(
         prog="python -m robots.youbot_sim.simulator", description=__doc__
     )
@@ -99,7 +97,8 @@ def main() -> None:
         action="append",
         default=[],
         metavar="SECONDS",
-        help="so long after the object was offered the lid is put on, or taken off; may be given several times",
+        help="put the lid on, or take it off, this long after the object was offered;"
+        " may be repeated",
     )
     options = parser.parse_args()
     robot = make_robot(options.backend)

@@ -1,5 +1,5 @@
-"""All of the robot in one process, on a clock that is stepped: the same delivery comes out the same
-every time.
+"""The whole robot in one process, on a stepped clock: the same delivery always gives the same
+result.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from tca_module import Module, connect
 from tca_module.testing import LocalCentral
 
 SETTLED = 1.0
-"""Seconds that perception has to look around before an object is given."""
+"""Seconds that perception gets before an object is given."""
 
 STRIDE = 1.0
 
@@ -24,7 +24,7 @@ STRIDE = 1.0
 def running(
     robot: SimulatedRobot, *modules: Module, has_steps: bool = False
 ) -> Iterator[LocalCentral]:
-    """What moves the robot and looks into box B, and these modules; the caller steps their
+    """Run these modules, and those that move the robot and look into box B. The caller steps their
     clock.
     """
     movers = [moving.make_module(group) for group in GROUPS]
@@ -39,7 +39,7 @@ def running(
 
 @contextmanager
 def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
-    """All modules, with the kinematic twin."""
+    """Run all modules, with the kinematic backend."""
     simulated = SimulatedRobot(KinematicManipulator(), lid)
     with running(
         simulated, coordination.make_module(coordinator), user.make_module(coordinator)
@@ -48,10 +48,10 @@ def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
 
 
 def deliver(lid: Lid, coordinator: Coordinator) -> LocalCentral:
-    """Let one object be carried; what is left of central has the journal."""
-    with robot(lid, coordinator) as central, connect("somebody", central) as somebody:
+    """Have one object carried. Returns central, which has the journal."""
+    with robot(lid, coordinator) as central, connect("requester", central) as requester:
         central.advance(SETTLED)
-        carrying = somebody.command(CARRY_OBJECTS, 1)
+        carrying = requester.command(CARRY_OBJECTS, 1)
         central.advance(STRIDE)
         while carrying.state == "running":
             central.advance(STRIDE)

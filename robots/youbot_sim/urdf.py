@@ -1,8 +1,7 @@
-"""The robot as URDF text, after the youBot's published dimensions: for a physics engine, and for
-its pictures.
+"""The robot as URDF text, after the youBot's published dimensions, for a physics engine and its
+pictures.
 
-The wheels only turn in pictures: the base slides in x and y and turns, as four mecanum wheels let
-it.
+The wheels do not turn: the base slides in x and y and turns, as with four mecanum wheels.
 """
 
 from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
@@ -18,14 +17,14 @@ from robots.youbot_sim.kinematics import (
 from robots.youbot_sim.places import OBJECT
 
 EFFORT = {"base": 800.0, "arm": 60.0, "gripper": 25.0}
-"""The strongest force (N) or torque (Nm) of a motor."""
+"""The greatest force (N) or torque (Nm) of a motor."""
 
 SHOULDER_RISE = 0.019
 WRIST_TO_TURN = 0.1136
 FINGER = (0.008, 0.016, 0.055)
 
 GRIP = '<contact><lateral_friction value="2.0"/><spinning_friction value="0.05"/></contact>'
-"""Of the fingers: rubber."""
+"""The contact of the rubber fingers."""
 
 COLOURS = {
     "orange": (0.93, 0.46, 0.10),
@@ -36,12 +35,12 @@ COLOURS = {
 
 
 def youbot_urdf() -> str:
-    """The whole robot. Joints: x, y, heading, arm1 to arm5, finger1 and finger2."""
+    """Describe the whole robot. Joints: x, y, heading, arm1 to arm5, finger1 and finger2."""
     return robot("youbot", COLOURS, [_slides(), _base(), _arm(), _gripper()])
 
 
 def _slides() -> str:
-    """Two sledges without a shape, so that the base moves freely in the plane."""
+    """Two sledges without a shape, on which the base moves freely in the plane."""
     sledges = [link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y")]
     ways = [
         ("x", "prismatic", ("ground", "sledge_x"), (1, 0, 0), (-20, 20)),
@@ -118,7 +117,7 @@ def _arm_links() -> list[str]:
 
 
 def _gripper() -> str:
-    """Two fingers; each joint is how far its inner side is from the middle."""
+    """Two fingers. Each joint value is the distance of the finger's inner side from the middle."""
     thick, wide, long = FINGER
     tip = HAND - WRIST_TO_TURN
     parts = []

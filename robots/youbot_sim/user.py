@@ -1,6 +1,4 @@
-"""The user: has the robot's machine run, gives it one object after the other, and says when there
-are no more.
-"""
+"""The user: starts the robot's machine, gives it one object after the other, and posts the end."""
 
 from collections.abc import Iterator
 
@@ -13,7 +11,7 @@ from tca_wire.coordination import CoordinationReport
 
 
 def make_module(coordinator: Coordinator) -> Module:
-    """The module. It sends the command of *coordinator*, which runs elsewhere."""
+    """Make the module. It sends the command of *coordinator*, which runs elsewhere."""
     user = Module("user")
     chart = coordinator.chart
     waiting = next(number for number, state in enumerate(chart.states) if state.label == WAITING)
@@ -34,7 +32,7 @@ def make_module(coordinator: Coordinator) -> Module:
 
 
 def _entries(reports: Iterator[CoordinationReport], state: int) -> Iterator[None]:
-    """Once for each time that the machine comes to a state."""
+    """Yield each time that the machine enters a state."""
     before = -1
     for report in reports:
         if report.current == state != before:

@@ -1,4 +1,4 @@
-"""The nouns of a mobile manipulator: plain frozen data that can be sent as messages. Metres,
+"""The data types of a mobile manipulator: plain frozen data that can be sent as messages. Metres,
 radians, seconds.
 """
 
@@ -20,7 +20,7 @@ Joints = tuple[float, ...]
 
 
 class ObjectPlace(StrEnum):
-    """Where the object is."""
+    """The place of the object."""
 
     NOWHERE = "nowhere"
     OFFERED = "offered"
@@ -32,7 +32,7 @@ class ObjectPlace(StrEnum):
 
 
 class Move(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Where a group of joints is to go, by name, and with which part of its greatest speed."""
+    """A named goal for a group of joints, and the share of its greatest speed."""
 
     to: str
     speed: float = 1.0
@@ -40,7 +40,7 @@ class Move(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The same for the drives: *goal* has a value for each joint."""
+    """A move for the drives: *goal* has a value for each joint."""
 
     group: Group
     goal: Joints
@@ -49,7 +49,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class JointReadings:
-    """The joints now, and where the object is."""
+    """The present joint values, and the place of the object."""
 
     base: Joints
     arm: Joints
@@ -57,13 +57,13 @@ class JointReadings:
     object: ObjectPlace
 
     def joints(self, group: Group) -> Joints:
-        """Of one group."""
+        """The joint values of one group."""
         return {"base": self.base, "arm": self.arm, "gripper": self.gripper}[group]
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A stretch of constant acceleration; *share* and *rate* are those at its beginning."""
+    """A phase of constant acceleration. *share* and *rate* are the values at its start."""
 
     seconds: float
     acceleration: float
@@ -73,7 +73,7 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A straight way between two sets of joint values; its *share* goes from 0 to 1."""
+    """A straight way between two sets of joint values. Its *share* grows from 0 to 1."""
 
     start: Joints
     goal: Joints
@@ -81,24 +81,24 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """The duration."""
         return sum(phase.seconds for phase in self.phases)
 
     def share(self, seconds: float) -> float:
-        """How much of the way is done, so many seconds after its beginning."""
+        """The share of the way done *seconds* after its start."""
         return self._now(seconds)[0]
 
     def rate(self, seconds: float) -> float:
-        """How fast the share grows then, per second."""
+        """The speed of the share at that time, per second."""
         return self._now(seconds)[1]
 
     def joints(self, seconds: float) -> Joints:
-        """Where the joints are then."""
+        """The joint values at that time."""
         share = self.share(seconds)
         return tuple(a + share * (b - a) for a, b in zip(self.start, self.goal, strict=True))
 
     def rates(self, seconds: float) -> Joints:
-        """How fast the joints are then."""
+        """The joint speeds at that time."""
         rate = self.rate(seconds)
         return tuple(rate * (b - a) for a, b in zip(self.start, self.goal, strict=True))
 

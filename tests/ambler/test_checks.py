@@ -69,7 +69,7 @@ def test_each_margin_counts(worse: Margins) -> None:
 @pytest.mark.parametrize(
     ("shift", "load", "fault"),
     [
-        ((0.0, 0.0, 0.0), -200.0, "leg 2 bears -0.2 kN only"),
+        ((0.0, 0.0, 0.0), -200.0, "leg 2 bears only -0.2 kN"),
         ((0.3, 0.4, 0.0), 4000.0, "leg 2 stands 0.50 m beside its foothold"),
         ((0.0, 0.0, 0.4), 4000.0, "leg 2 stands 0.40 m above its foothold"),
         ((0.0, 0.0, -0.4), 4000.0, "leg 2 stands 0.40 m below its foothold"),

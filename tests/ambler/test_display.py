@@ -44,7 +44,7 @@ def test_footsteps_are_drawn_at_most_once_a_period() -> None:
     display: Any = Display(robot, while_moving=False, clock=clock)
     for pause in (0.0, BETWEEN_PICTURES / 2, BETWEEN_PICTURES / 2):
         clock.now += pause
-        display.made_a_footstep(sender)
+        display.after_footstep(sender)
         display.tick(sender)
     assert sender.values == [robot.drawing()] * 2
 

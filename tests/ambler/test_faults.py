@@ -19,11 +19,11 @@ def test_a_fault_that_has_not_begun_is_not_lost_with_the_controller() -> None:
     robot = make_robot("kinematic")
     rock = Fault("unseen rock", leg=2)
     robot.inject(rock)
-    assert robot.begun_faults() == []
+    assert robot.pop_begun_faults() == []
     another = make_robot("kinematic", state=robot.state())
     with pytest.raises(FailureRaised, match=TERRAIN_COLLISION.name):
         another.move_leg(the_first_leg_move(another))
-    assert another.begun_faults() == [rock]
+    assert another.pop_begun_faults() == [rock]
     assert another.state().armed == ()
 
 

@@ -37,11 +37,11 @@ def test_a_lost_program_is_recovered_from_when_the_robot_walks_on() -> None:
 def test_memory_is_compared_within_one_life_of_a_program() -> None:
     usage = Usage()
     for metres in (0.0, WARM_UP, 2 * WARM_UP):
-        usage.look(metres, {"central": os.getpid(), "gone": -1})
+        usage.measure(metres, {"central": os.getpid(), "gone": -1})
     memory = usage.at_end()
     assert memory.all == memory.central > 1.0
     assert memory.growth is not None
-    usage.look(3 * WARM_UP, {"central": os.getppid()})
+    usage.measure(3 * WARM_UP, {"central": os.getppid()})
     assert usage.at_end().growth == memory.growth  # its new life is too short
 
 

@@ -19,9 +19,9 @@ from robots.ambler_sim.planning.replanning import (
     OBSTACLE_RADIUS,
     RAISE,
     another_way,
-    centring,
-    felt,
-    raised,
+    centring_move,
+    obstacle_at,
+    raised_move,
     shuffle,
 )
 from robots.ambler_sim.planning.stability import conservative_margin
@@ -51,23 +51,23 @@ def way_of(move: LegMove, stance: Stance) -> np.ndarray:
 
 def test_a_raised_move_goes_over_what_was_met_and_otherwise_the_same_way() -> None:
     contact = Contact(2, 1.0, 1.5, LEG_MOVE.lift, 3000.0)
-    higher = raised(LEG_MOVE, STEP.before, contact)
+    higher = raised_move(LEG_MOVE, STEP.before, contact)
     assert higher == replace(LEG_MOVE, lift=LEG_MOVE.lift + RAISE)
 
 
 def test_a_leg_cannot_be_raised_for_ever() -> None:
     with pytest.raises(PathBlocked, match=r"leg 2 .* lifted to 3\.40 m, .* 3\.20 m"):
-        raised(LEG_MOVE, STEP.before, Contact(2, 1.0, 1.5, 3.0, 3000.0))
+        raised_move(LEG_MOVE, STEP.before, Contact(2, 1.0, 1.5, 3.0, 3000.0))
 
 
 def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
-    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
+    met = obstacle_at(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
     assert met.is_wall
     assert (met.x, met.y) == pytest.approx((1.0, 1.05 + OBSTACLE_RADIUS))
 
 
 def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
-    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
+    assert obstacle_at(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
         1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
     )
 
@@ -156,10 +156,10 @@ def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
 
 
 def test_a_body_that_stands_badly_is_brought_to_where_any_leg_can_be_lifted() -> None:
-    assert centring(a_stance()) is None
+    assert centring_move(a_stance()) is None
     badly = a_stance()
     badly = replace(badly, pose=replace(badly.pose, x=0.6))
-    move = centring(badly)
+    move = centring_move(badly)
     assert move is not None
     assert conservative_margin(badly) < 0.0
     assert conservative_margin(replace(badly, pose=move.goal)) > 0.2

@@ -88,6 +88,6 @@ def test_rocks_far_behind_do_not_bring_their_ground_back() -> None:
     terrain, rock = Terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
     top = terrain.top(rock)
     terrain.height(400.0, 0.0)
-    kept = terrain._kept
+    kept = terrain._cached
     assert terrain.top(rock) == top
-    assert terrain._kept is kept
+    assert terrain._cached is kept

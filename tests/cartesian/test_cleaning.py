@@ -12,7 +12,7 @@ import pytest
 from cartesian.virtual_robot import VirtualRobot
 
 import robots
-from robots.cartesian_sim.__main__ import counted
+from robots.cartesian_sim.__main__ import describe_ticks
 from robots.cartesian_sim.drawing import draw
 from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.guide import PATTERN
@@ -35,14 +35,14 @@ def test_cleaning_show_counts_missed_ticks() -> None:
     robot = VirtualRobot()
     robot.baton.run(1.005)
     due, made, rest = re.split(
-        r" ticks were due in 1 s: | were made \(0 too late\), ", counted(robot.application)
+        r" ticks were due in 1 s: | were made \(0 too late\), ", describe_ticks(robot.application)
     )
     assert due == made
-    assert rest == "0 were left out as the next was due already, no other is missing"
+    assert rest == "0 were left out because the next was due, none is missing"
     robot.application.remove("x.movement.machine")
     robot.baton.run(1.0)
     robot.application.move("x.movement.machine", "all")
-    assert counted(robot.application).endswith(", 100 are missing")
+    assert describe_ticks(robot.application).endswith(", 100 are missing")
 
 
 def test_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:

@@ -13,9 +13,9 @@ def test_cleaning_show_cleans_the_wall(tmp_path: Path) -> None:
     assert (shown.returncode, shown.stderr) == (0, "")
     done = re.findall(r"s  (.*): done", shown.stdout)
     assert done == ["enable", "reference", "move to (1.5, 0.9)", "clean"]
-    assert "allocated anew: automatic" in shown.stdout
+    assert "reallocated: automatic" in shown.stdout
     assert re.search(
-        r" ticks were due in .* left out as the next was due already, no other is missing\n",
+        r" ticks were due in .* left out because the next was due, none is missing\n",
         shown.stdout,
     )
     assert (tmp_path / "wall.svg").read_text().count('class="clean"') == 1

@@ -74,7 +74,7 @@ def test_operator_command_is_refused_when_the_robot_is_not_ready(town: Town) -> 
     assert [joint.enabling.current for joint in town.robot.joints] == ["enabled"] * 3
     with pytest.raises(TaskFailed, match="joint x is not referenced: unreferenced"):
         town.carried_out(user.command(CLEAN))
-    with pytest.raises(TaskFailed, match="there is no joint 'z': there are x, y, tool") as failed:
+    with pytest.raises(TaskFailed, match="there is no joint 'z': use one of x, y, tool") as failed:
         town.carried_out(user.command(MOVE_JOINT, JointMove("z", 0.1)))
     assert failed.value.failure == NO_SUCH_JOINT.name
 

@@ -138,7 +138,7 @@ def test_an_arc_is_planned_when_the_one_before_has_been_walked(history: History)
 def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
     walked: tuple[str, Path], history: History
 ) -> None:
-    assert "the controller ended (0); another starts" in walked[0]
+    assert "the controller ended (0); starting another" in walked[0]
     first, second = history.modules["controller"].joined
     assert first[1] is not None
     moved = [
@@ -163,5 +163,5 @@ def test_a_folder_with_something_else_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     done = walk(tmp_path)
     assert done.returncode == 1
-    assert "holds something else than a walk: name another folder with --out" in done.stderr
+    assert "holds files that are not a walk's: name another folder with --out" in done.stderr
     assert (tmp_path / "thesis.txt").read_text() == "years of work"

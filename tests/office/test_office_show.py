@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from processes import run
 
-from robots.office_sim.drawing import draw, in_words
+from robots.office_sim.drawing import describe_result, draw
 from robots.office_sim.vocabulary import CupState
 from robots.office_sim.world import OfficeWorld
 
@@ -35,7 +35,7 @@ def test_office_picture_shows_the_fate_of_each_cup() -> None:
     assert CupState.TO_COME in states
     assert svg.count('class="table"') == len(scene.floor.tables)
     left = states.count(CupState.FLOOR)
-    assert in_words(scene).endswith(
+    assert describe_result(scene).endswith(
         f"1 collected, {states.count(CupState.TAKEN)} taken by people, {left} left; charged 0 times"
     )
     assert "a &lt;lab&gt;: " in svg
@@ -47,7 +47,7 @@ def test_office_show_runs_a_shift(tmp_path: Path) -> None:
     assert (shown.returncode, shown.stderr) == (0, "")
     last = dict(re.findall(r"s  (cup \d+) (.*)\n", shown.stdout))
     collected, taken = (
-        list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by somebody")
+        list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by a person")
     )
     assert collected + taken == len(last) > 0
     assert f", {collected} collected, {taken} taken by people, 0 left;" in shown.stdout

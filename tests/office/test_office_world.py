@@ -134,7 +134,7 @@ def test_people_take_cups_away() -> None:
     world = OfficeWorld(1, 300.0)
     world.advance(600.0)
     assert set(states(world.scene())) == {CupState.FLOOR, CupState.TAKEN}
-    assert len(world.look()) <= states(world.scene()).count(CupState.FLOOR)
+    assert len(world.seen_spots()) <= states(world.scene()).count(CupState.FLOOR)
 
 
 def test_cup_is_out_of_view_after_some_pictures_without_it() -> None:

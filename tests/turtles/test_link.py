@@ -48,7 +48,7 @@ def test_link_ignores_strangers_and_noise() -> None:
         ('a = "127.0.0.1"', "the address of 'a' is HOST:PORT"),
         ('a = "127.0.0.1:70000"', "the address of 'a' is HOST:PORT"),
         ("a = 7500", "the address of 'a' is HOST:PORT"),
-        ('a = "nowhere.invalid:1"', r"there is no host 'nowhere\.invalid', where 'a' should be"),
+        ('a = "nowhere.invalid:1"', r"the host 'nowhere\.invalid' of 'a' does not exist"),
         ("a = ", r"team\.toml can't be read"),
     ],
 )
@@ -69,7 +69,7 @@ def test_team_file_is_read(tmp_path: Path) -> None:
     ("name", "team", "error"),
     [
         ("a", "none.toml", "the team's file none.toml can't be read"),
-        ("c", "team.toml", "'c' is not in the team: it is one of a, b"),
+        ("c", "team.toml", "'c' is not in the team: its members are a, b"),
         ("b", "team.toml", "'b' can't listen at 127.0.0.1:"),
     ],
 )

@@ -94,7 +94,7 @@ def test_unknown_silent_and_misnamed_partners_are_distinguished() -> None:
     with pytest.raises(NoSuchPartner, match="its partners are none"):
         Statuses("a", []).status("b")
     assert a.status("b") is None
-    assert a.words("b") == "nothing was ever heard of 'b': does it run, and is its address right?"
+    assert a.words("b") == "'b' has sent nothing: does it run, and is its address right?"
     a.receive("b", Statuses("bee", ["a"]).due()[0][1])
     assert a.words("b") == "the robot at the address of 'b' calls itself 'bee': rename one"
     a.receive("c", Statuses("c", ["a"], status=4).due()[0][1])

@@ -65,4 +65,4 @@ def test_wait_timeout_names_the_missing_partner() -> None:
     with team() as (there, _, _), pytest.raises(TaskFailed) as failed:
         there.run("WaitForStatusSync", partner="c", status=1, task_timeout=5.0)
     assert failed.value.failure == MISSION_TASK_TIMEOUT.name
-    assert "it ran for 5 s: waits for status 1: nothing was ever heard of 'c'" in str(failed.value)
+    assert "it ran for 5 s: waits for status 1: 'c' has sent nothing" in str(failed.value)

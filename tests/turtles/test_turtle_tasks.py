@@ -118,6 +118,6 @@ def test_turtle_tasks_say_that_the_simulator_is_missing() -> None:
         with server.running(), Mission("turtle", central=central) as mission:
             with pytest.raises(
                 MissionTaskFailed,
-                match="the turtle has not told where it is: does its simulator run",
+                match="the turtle has not sent its pose: does its simulator run",
             ):
                 mission.GoTo()

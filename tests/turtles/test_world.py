@@ -125,9 +125,9 @@ def test_no_command_moves_a_turtle_off_the_sheet(commands: list[tuple[float, flo
 
 def test_world_errors_name_what_exists() -> None:
     made = world()
-    with pytest.raises(NoSuchTurtle, match="there is no turtle 'u': there are t"):
+    with pytest.raises(NoSuchTurtle, match="there is no turtle 'u': the turtles are t"):
         made.command("u", 1.0, 0.0)
-    with pytest.raises(TurtleExists, match="'t' already"):
+    with pytest.raises(TurtleExists, match="already a turtle 't'"):
         made.spawn("t")
 
 

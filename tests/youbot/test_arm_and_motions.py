@@ -16,7 +16,7 @@ from robots.youbot_sim.kinematics import (
     joints_for,
     tip_in_world,
 )
-from robots.youbot_sim.motion import ACCELERATIONS, SPEEDS, go_on, halt, plan
+from robots.youbot_sim.motion import ACCELERATIONS, SPEEDS, change_speed, halt, plan
 from robots.youbot_sim.places import BOXES, POSES
 from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, Joints, Motion, ObjectPlace
 
@@ -102,7 +102,7 @@ def test_motion_changes_speed_without_a_jerk() -> None:
     for before, after in ((0.3, 1.0), (1.0, 0.3)):
         first = plan(Drive("arm", goal, before), start)
         at = round(first.seconds * 0.4 / TICK) * TICK
-        second = go_on(first, at, Drive("arm", goal, after))
+        second = change_speed(first, at, Drive("arm", goal, after))
         joints = [first.joints(number * TICK) for number in range(round(at / TICK))] + steps(second)
         check_limits("arm", joints)
         assert joints[-1] == pytest.approx(goal)

@@ -20,7 +20,7 @@ from robots.youbot_sim.messages import (
     UNKNOWN_POSE,
 )
 from robots.youbot_sim.motion import plan
-from robots.youbot_sim.perception import believed
+from robots.youbot_sim.perception import updated_confidence
 from robots.youbot_sim.places import POSES
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
@@ -74,7 +74,7 @@ def test_slow_arm_move_accepts_a_new_speed_but_no_new_goal() -> None:
         moving = user.command(MOVE_ARM, Move("box B", speed=0.2))
         central.advance(1.0)
         moving.update(Move("box B", speed=1.0))
-        with pytest.raises(Rejected, match="it goes to 'box B': cancel that first"):
+        with pytest.raises(Rejected, match="the move goes to 'box B': cancel it first"):
             moving.update(Move("tucked"))
         central.advance(arm_seconds("home", "box B"))
         assert moving.wait(timeout=5) is Outcome.DONE
@@ -156,7 +156,7 @@ def test_perception_gains_confidence_with_each_look() -> None:
         assert seen == sorted(seen, reverse=True)
         assert 0.0 < seen[1] < 0.5
         assert seen[-1] == 0.0
-    assert believed(None, is_free=False) == 0.0
+    assert updated_confidence(None, is_free=False) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
-"""The footfall layer: no leg move is achieved before its foot is known to stand well (paper, figure
-3).
+"""The footfall layer: a leg move is achieved only after a check that its foot stands well (paper,
+figure 3).
 """
 
 from robots.ambler_sim.messages import MOVE_LEG, READINGS, STANCE, TAKE_STEPS
@@ -16,14 +16,14 @@ layer = make_layer("footfall")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the leg moves; a bad foothold is left for another one."""
+    """Tap the leg moves. A bad foothold is replaced by another one."""
     module.tap(Condition.WHEN_ACHIEVED, MOVE_LEG, FOOTFALL_CHECK)
     module.on_failure(UNSTABLE_FOOTHOLD, REPLAN_MOVE, of=TAKE_STEPS)
 
 
 @layer.handles(FOOTFALL_CHECK)
 def footfall_check(task: Task, move: LegMove) -> None:
-    """Whether the foot bears load near its foothold."""
+    """Check that the foot bears load near its foothold."""
     stance, readings = task.query(STANCE), task.query(READINGS)
     if fault := fault_of_footfall(move, stance, readings):
         foot = stance.feet[move.leg]

@@ -1,8 +1,7 @@
-"""The layer for hardware faults: amplifiers that trip, joints that do not follow, encoders that
-drift.
+"""The hardware layer: tripped amplifiers, joints that do not follow, encoders that drift.
 
-What the robot cannot mend itself an operator does, as on the real machine; that is counted by "call
-operator".
+An operator repairs what the robot cannot repair itself, as on the real machine. The task "call
+operator" counts these cases.
 """
 
 from robots.ambler_sim.messages import (
@@ -22,7 +21,7 @@ from robots.ambler_sim.recovery import make_layer
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 
 MOST_DRIFT = 0.03
-"""Metres that the two encoders of a leg may differ."""
+"""The greatest difference (m) allowed between the two encoders of a leg."""
 
 SWITCH_ON = ExceptionHandler("switch on", int)
 FREE = ExceptionHandler("free leg", MotionError)
@@ -34,7 +33,7 @@ layer = make_layer("hardware")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Watch over the machine."""
+    """Attach the repairs to the moves."""
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, ENCODER_CHECK)
     for move in (MOVE_LEG, MOVE_BODY):
         module.on_failure(AMPLIFIER_TRIPPED, SWITCH_ON, of=move, maximum=3)
@@ -45,21 +44,21 @@ def attach(module: Module) -> None:
 
 @layer.handles(SWITCH_ON)
 def switch_on(task: Task, leg: int) -> None:
-    """Reset the amplifier, and let the move begin again."""
+    """Reset the amplifier and retry the move."""
     task.command(RESET, Reset(leg)).wait()
     task.trouble.failing.retry()
 
 
 @layer.handles(FREE)
 def free(task: Task, error: MotionError) -> None:
-    """Free the joint, and let the move begin again from where the leg then stands."""
+    """Free the joint and retry the move from the leg's present place."""
     task.command(FREE_JOINT, Reset(error.leg)).wait()
     task.trouble.failing.retry()
 
 
 @layer.handles(CALL_OPERATOR, resource="operator")
 def call_operator(task: Task, leg: int) -> None:
-    """Somebody goes there and does it."""
+    """Have an operator do it: retry the repair with *operator* set."""
     failing = task.trouble.failing
     failing.retry(RESET if failing.message == RESET.name else FREE_JOINT, Reset(leg, operator=True))
 

@@ -1,20 +1,18 @@
-"""The layer for lost programs: what a module had in hand when it died is done again."""
+"""The layer for lost programs: the work that a module had when it died is done again."""
 
 from robots.ambler_sim.messages import TRAVERSE_ARC
 from robots.ambler_sim.recovery import DO_AGAIN, make_layer
 from tca_module import Failure, Module
 
 LOST = Failure("module lost")
-"""Raised by central: a module died with something in hand; also where it can't be known how far
-that had come.
-"""
+"""Raised by central: a module died during its work, perhaps after some of its effects."""
 
 layer = make_layer("lost module")
 
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Whatever is lost of an arc."""
+    """Attach the recovery to each arc, for any task below it."""
     module.on_failure(LOST, DO_AGAIN, of=TRAVERSE_ARC)
 
 

@@ -1,6 +1,4 @@
-"""The planners' layer: a planner that finds no foothold, no way or no pose is not the end of the
-walk.
-"""
+"""The planners' layer: the walk continues when a planner finds no foothold, no way or no pose."""
 
 from robots.ambler_sim.messages import (
     MOTION_FAULT,
@@ -19,7 +17,7 @@ layer = make_layer("planners")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """The step is taken with another leg or is a shorter one; else the arc is begun again."""
+    """Take the step with another leg or make it shorter; else begin the arc again."""
     for failure in (NO_FOOTFALL, NO_PATH, NO_POSE, NOT_THERE, MOTION_FAULT):
         module.on_failure(failure, PLAN_OTHERWISE, of=TAKE_STEPS)
         module.on_failure(failure, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)

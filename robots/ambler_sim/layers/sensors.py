@@ -1,6 +1,4 @@
-"""The layer for sensors that fail: images that are missing or can't be true, and force sensors that
-say nothing.
-"""
+"""The sensor layer: missing or impossible images, and force sensors without a value."""
 
 import math
 
@@ -26,7 +24,7 @@ layer = make_layer("sensors")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """An image is taken again some times; after that the walk goes on with the map as it is."""
+    """Take a failed image again a few times, then continue the walk with the present map."""
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, FORCE_CHECK)
     for failure in (NO_IMAGE, BAD_IMAGE):
         module.on_failure(failure, GO_ON_WITHOUT, of=ACQUIRE_IMAGE)
@@ -41,13 +39,13 @@ def look_again(task: Task, _: int) -> None:
 
 @layer.handles(GO_ON_WITHOUT)
 def go_on_without(task: Task, _: int) -> None:
-    """The map reaches some metres further than the next step."""
+    """Resolve the failure: the map reaches some metres beyond the next step."""
     task.trouble.resolved()
 
 
 @layer.handles(FORCE_CHECK)
 def force_check(task: Task) -> None:
-    """Hold a leg move until all force sensors say something."""
+    """Hold a leg move until all force sensors have values."""
     for leg, load in enumerate(task.query(READINGS).loads):
         if not math.isfinite(load):
             task.command(CALIBRATE, leg).wait()

@@ -1,4 +1,4 @@
-"""The stability layer: before each leg and body move it is known that the robot will not tip over
+"""The stability layer: before each leg and body move it is checked that the robot will not tip over
 (paper, figure 3).
 """
 
@@ -20,7 +20,9 @@ layer = make_layer("stability")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the moves. Handling, not achieving: a move that is retried is checked again."""
+    """Tap the handling of the moves, not their achievement, so that a retried move is checked
+    again.
+    """
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, STABILITY_CHECK)
     module.tap(Condition.BEFORE_HANDLING, MOVE_BODY, STABILITY_CHECK)
     module.on_failure(UNSTABLE_MOVE, PLAN_OTHERWISE, of=TAKE_STEPS, maximum=1)
@@ -29,8 +31,8 @@ def attach(module: Module) -> None:
 
 @layer.handles(STABILITY_CHECK)
 def stability_check(task: Task) -> Margins:
-    """Hold the tapped move until it is known that the robot will not tip over; if it would, that is
-    a failure of it.
+    """Hold the tapped move until its margins are known. Raises UNSTABLE_MOVE on it if the robot
+    could tip over.
     """
     move, stance = task.tap_event.tapped, task.query(STANCE)
     assert move is not None

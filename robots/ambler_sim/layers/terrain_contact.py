@@ -1,9 +1,9 @@
-"""The terrain contact layer: the ladder of figure 3, for a leg that meets what the scanner did not
-see.
+"""The terrain contact layer: the ladder of figure 3, for a leg that meets an obstacle unseen by the
+scanner.
 
-Each rung is attached where it belongs in the task tree: the leg move is tried again higher, the
-step is planned anew, the feet are shuffled into the standard configuration and the arc is begun
-again.
+Each rung is attached at its own level of the task tree. First the leg move is retried higher. Then
+the step is planned again. Then the feet are shuffled into the standard configuration and the arc is
+begun again.
 """
 
 from robots.ambler_sim.messages import MOVE_LEG, TAKE_STEPS, TERRAIN_COLLISION
@@ -15,7 +15,7 @@ layer = make_layer("terrain contact")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Every leg move, step and arc has its rung from now on."""
+    """Attach a rung to every leg move and step."""
     module.on_failure(TERRAIN_COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
     module.on_failure(TERRAIN_COLLISION, REPLAN_MOVE, of=TAKE_STEPS)
 

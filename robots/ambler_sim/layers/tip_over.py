@@ -1,6 +1,7 @@
-"""The layer against tipping over: a move that was stopped because the body tilts begins again when
-it is level, or is planned otherwise; and no move begins while a leg that should stand bears
-nothing.
+"""The layer against tipping over.
+
+A move that was stopped because the body tilts is retried when the body is level, or planned
+otherwise. No move begins while a leg that should stand bears no load.
 """
 
 import math
@@ -22,7 +23,7 @@ from robots.ambler_sim.vocabulary import Readings
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 
 MOST_TILT = 0.015
-"""The inclination (rad) of the standing robot from which on it is made level: 0.9 degrees."""
+"""The inclination (rad) above which the standing robot is levelled: 0.9 degrees."""
 
 STEADY = ExceptionHandler("steady", float)
 SUPPORT_CHECK = Command("support check")
@@ -32,7 +33,7 @@ layer = make_layer("tip over")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the moves; one that tilted the robot twice is not tried a third time."""
+    """Tap the moves. A move that tilted the robot twice is not tried a third time."""
     for move in (MOVE_LEG, MOVE_BODY):
         module.tap(Condition.BEFORE_HANDLING, move, SUPPORT_CHECK)
         module.on_failure(TIP_OVER_RISK, STEADY, of=move, maximum=2)
@@ -42,15 +43,15 @@ def attach(module: Module) -> None:
 
 @layer.handles(STEADY)
 def steady(task: Task, _: float) -> None:
-    """Let the robot come to rest, level, and the move begin again."""
+    """Bring the robot to rest, level, and retry the move."""
     task.command(LEVEL_BODY).wait()
     task.trouble.failing.retry()
 
 
 @layer.handles(SUPPORT_CHECK)
 def support_check(task: Task) -> None:
-    """Hold a move until the robot stands level on six feet, or at least would stand on those that
-    bear it.
+    """Hold a move until the robot stands level on six feet, or would at least be stable on the feet
+    that bear load.
     """
     readings = task.query(READINGS)
     if not hanging(readings) and tilt(readings) <= MOST_TILT:
@@ -69,7 +70,7 @@ def support_check(task: Task) -> None:
 
 
 def hanging(readings: Readings) -> list[int]:
-    """The legs that bear nothing."""
+    """The legs that bear no load."""
     return [leg for leg, load in enumerate(readings.loads) if load < LEAST_LOAD]
 
 

@@ -1,9 +1,9 @@
-"""Faults of the machine, its sensors and the ground, on any plant: what goes wrong, until when, and
-how that shows.
+"""Faults of the machine, its sensors and the ground, on any plant: their start, their end and their
+effects.
 
-A plant is wrapped: what is commanded and what is measured passes through here. A fault is armed
-first, and begins when it can: those of the scanner at once, those of the machine and soft ground
-after a move, a rock before one.
+This module wraps a plant: commands and measurements pass through it. A fault is armed first and
+begins when it can. Faults of the scanner begin at once, faults of the machine and soft ground after
+a move, a rock before a move.
 """
 
 from collections.abc import Sequence
@@ -27,50 +27,50 @@ from robots.ambler_sim.vocabulary import (
 )
 
 LAG = 0.25
-"""The share of its speed that a joint with a motion fault has left."""
+"""The share of its speed that a joint with a motion fault retains."""
 
 DRIFT = 0.08
-"""Metres that a drifting encoder is off, unless the fault says how much."""
+"""The error (m) of a drifting encoder, unless the fault has a size."""
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
-"""Of a rock that is put in the way (m): its least distance from the foot before, and its height
-above the way.
+"""A rock put in the way (m): its radius, its least distance from the foot, and its height above the
+way.
 """
 
 HIGHEST_ROCK = 1.0
-"""Metres above the ground around it."""
+"""The greatest height (m) of a rock above the ground around it."""
 
 SPARED = 0.5
-"""Metres: ground gives way under legs without which the robot stands by that much; else it would
+"""The support margin (m) that must be left without the legs that sink. With less the robot would
 rock.
 """
 
 
 class FaultyPlant:
-    """A plant with faults: what is commanded to it, and what can be wrong of what it measures."""
+    """A plant with faults. It changes the commands to the plant and the measurements from it."""
 
     def __init__(
         self, plant: Plant, faults: Sequence[Fault] = (), armed: Sequence[Fault] = ()
     ) -> None:
         self.plant = plant
         self.faults = list(faults)
-        """What is wrong with machine and scanner now."""
+        """The present faults of machine and scanner."""
         self.armed = list(armed)
-        """What waits until it can begin."""
+        """Faults that wait until they can begin."""
         self._begun: list[Fault] = []
 
     # --- what goes wrong --------------------------------------------------------------------------
 
     def arm(self, fault: Fault) -> None:
-        """It begins when it can."""
+        """Add a fault, which begins when it can."""
         self.armed.append(fault)
         if fault.kind in SCANNER_KINDS:
             self.faults.append(fault)
             self._begin(fault)
 
     def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
-        """Put a rock in the middle of the way that a lifted foot swings, higher than that is, if
-        there is room.
+        """If a rock is armed and there is room, put it in the middle of a lifted foot's way, rising
+        above that way.
         """
         for fault in self._armed_of(ROCK)[:1]:
             joints = self.plant.joints()
@@ -82,27 +82,27 @@ class FaultyPlant:
                 self._begin(fault)
 
     def after_move(self) -> bool:
-        """What was to go wrong after a move does; whether ground gave way."""
+        """Begin the faults that wait for the end of a move. Returns whether ground gave way."""
         for fault in self._armed_of(*MACHINE_KINDS):
             self.faults.append(fault)
             self._begin(fault)
         return any(map(self._gives_way, self._armed_of(SOFT_SPOT)[:1]))
 
-    def take_begun(self) -> list[Fault]:
-        """Those that have begun since this was asked before."""
+    def pop_begun_faults(self) -> list[Fault]:
+        """Return the faults that have begun since the last call."""
         begun, self._begun = self._begun, []
         return begun
 
     def has(self, kind: str, leg: int) -> bool:
-        """Whether a leg has such a fault."""
+        """Whether a leg has a fault of this kind."""
         return any(fault.kind == kind and fault.leg == leg for fault in self.faults)
 
     def clear(self, leg: int, *kinds: str, operator: bool = False) -> bool:
-        """Mend what a leg has of these kinds; False if only an operator could."""
+        """Repair a leg's faults of these kinds. Returns False if one of them needs an operator."""
         mine = [fault for fault in self.faults if fault.leg == leg and fault.kind in kinds]
-        stays = [fault for fault in mine if fault.needs_operator and not operator]
-        self.faults = [fault for fault in self.faults if fault not in mine or fault in stays]
-        return not stays
+        remaining = [fault for fault in mine if fault.needs_operator and not operator]
+        self.faults = [fault for fault in self.faults if fault not in mine or fault in remaining]
+        return not remaining
 
     def amplifiers(self) -> tuple[bool, ...]:
         """Which legs' amplifiers are on."""
@@ -120,9 +120,7 @@ class FaultyPlant:
     # --- the plant --------------------------------------------------------------------------------
 
     def drive(self, joints: Array, rates: Array) -> None:
-        """A leg whose amplifier is off or whose joint is stuck stays where it is: its brakes hold
-        it.
-        """
+        """Drive the plant. The brakes hold a leg whose amplifier is off or whose joint is stuck."""
         joints, shares = joints - self._offsets(), self._mobility()
         if shares.min() < 1.0:
             now = self.plant.joints()
@@ -133,12 +131,12 @@ class FaultyPlant:
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
-        """As the relative encoders have it."""
+        """The joint values, as the relative encoders measure them."""
         joints: Array = self.plant.joints() + self._offsets()
         return joints
 
     def loads(self) -> Array:
-        """A force sensor that is broken says NaN."""
+        """The loads on the feet; NaN from a broken force sensor."""
         loads = self.plant.loads()
         for fault in self.faults:
             if fault.kind == "force sensor":
@@ -146,7 +144,7 @@ class FaultyPlant:
         return loads
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """The next images after a scanner's fault have nothing, or anything, in them."""
+        """Cast rays. A scanner's fault makes the next images empty or random."""
         distances = self.plant.cast(origin, directions, limit)
         for fault in self.faults:
             if fault.kind in SCANNER_KINDS:
@@ -167,8 +165,8 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _gives_way(self, fault: Fault) -> bool:
-        """The ground under the fault's leg falls in, or under the next one that is not needed, nor
-        those around it.
+        """Let the ground fall in under the fault's leg, or under the next leg that can be spared
+        with its neighbours.
         """
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
@@ -181,22 +179,20 @@ class FaultyPlant:
         return False
 
     def _stance(self, joints: Array | None = None) -> Stance:
-        """Where body and feet really are, or would be with these joints."""
+        """The true stance; with *joints*, the stance that these joints would give."""
         return stance_of(
             self.plant.attitude().pose, self.plant.joints() if joints is None else joints
         )
 
     def _mobility(self) -> Array:
-        """The share of its speed that each leg has left, (6, 1)."""
-        left = [
-            0.0
-            if self.has("amplifier trip", leg) or self.has("stuck joint", leg)
-            else LAG
-            if self.has("motion fault", leg)
-            else 1.0
-            for leg in LEGS
-        ]
-        return np.array(left)[:, None]
+        """The share of its speed that each leg retains, (6, 1)."""
+        shares = np.ones(len(LEGS))
+        for leg in LEGS:
+            if self.has("amplifier trip", leg) or self.has("stuck joint", leg):
+                shares[leg] = 0.0
+            elif self.has("motion fault", leg):
+                shares[leg] = LAG
+        return shares[:, None]
 
     def _offsets(self) -> Array:
         offsets = np.zeros((len(LEGS), 3))

@@ -1,7 +1,7 @@
-"""The ground as bodies of the physics engine: tiles around the robot, which are laid elsewhere as
-it walks, and rocks.
+"""The ground as bodies of the physics engine: rocks, and tiles around the robot that are moved
+along as it walks.
 
-The engine never gives back what a height field took, so a tile is not removed: its heights are
+The engine never frees the memory of a height field. So a tile is not removed: its heights are
 replaced.
 """
 
@@ -20,20 +20,20 @@ TILE = 64
 """Cells on each side of a tile: 16 m."""
 
 NEAR = 15.0
-"""Metres around the robot that have ground: the range finder reaches 14 m."""
+"""The radius (m) of ground around the robot. The range finder reaches 14 m."""
 
 DEEPEST = 300.0
-"""Metres that the ground may be above or below the start."""
+"""How far (m) ground may be above or below the start."""
 
 AWAY = -1000
-"""Where tiles lie that are not needed, in tiles."""
+"""The place of spare tiles, in tiles."""
 
 FRICTION = 1.0
 UNSEEN = 64
-"""The collision group of what the scanner looks through."""
+"""The collision group of bodies that the scanner does not see."""
 
 ROOTS = 1.0
-"""How deep (m) rocks are in the ground."""
+"""The depth (m) of rocks in the ground."""
 
 SOIL = (0.81, 0.67, 0.53, 1.0)
 STONE = (0.45, 0.43, 0.41, 1.0)
@@ -64,7 +64,7 @@ class GroundBodies:
         return frozenset(tile.body for tile in self._tiles.values())
 
     def follow(self, x: float, y: float) -> None:
-        """The robot is here: lay the tiles around it; those that are far away are laid there."""
+        """Lay tiles around this place of the robot, reusing those that are now far away."""
         size = TILE * RESOLUTION
         first, last = int((x - NEAR) // size), int((x + NEAR) // size)
         lowest, highest = int((y - NEAR) // size), int((y + NEAR) // size)
@@ -73,29 +73,28 @@ class GroundBodies:
         self._around = first, last, lowest, highest
         near = {(i, j) for i in range(first, last + 1) for j in range(lowest, highest + 1)}
         for place in sorted(set(self._tiles) - near):
-            self._put_away(self._tiles.pop(place))
+            self._retire(self._tiles.pop(place))
         for place in sorted(near - set(self._tiles)):
             self._tiles[place] = self._another_tile()
             self._shape(self._tiles[place], *place)
 
     def add(self, rock: Rock) -> None:
-        """Put a rock onto the ground; the oldest ones that were added go."""
+        """Put a rock onto the ground. Beyond MOST_ADDED the oldest added rock is removed."""
         self._added.append(self._make_rock(rock))
         if len(self._added) > MOST_ADDED:
             self._engine.removeBody(self._added.popleft())
 
     def remake(self, x: float, y: float) -> None:
-        """The ground around a point has changed."""
+        """Lay new tiles around a point where the ground has changed."""
         size = TILE * RESOLUTION
         corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
         for place in sorted(corners & set(self._tiles)):
             before, self._tiles[place] = self._tiles[place], self._another_tile()
             self._shape(self._tiles[place], *place)
-            self._put_away(
-                before
-            )  # were its own heights replaced, feet would go on standing on the old ones
+            # With heights replaced in place, the feet would stay on the old ones.
+            self._retire(before)
 
-    def _put_away(self, tile: Tile) -> None:
+    def _retire(self, tile: Tile) -> None:
         self._lay(tile, AWAY, AWAY)
         self._spare.append(tile)
 
@@ -103,8 +102,9 @@ class GroundBodies:
         return self._spare.pop() if self._spare else self._make_tile()
 
     def _make_tile(self) -> Tile:
-        """Flat, but as high and deep as any ground: the engine looks for contacts within the first
-        heights for ever.
+        """Make a flat tile with one peak and one pit at the limits of any ground.
+
+        The engine always searches for contacts within the range of the first heights.
         """
         heights = np.zeros((TILE + 1, TILE + 1))
         heights[0, 0], heights[-1, -1] = -DEEPEST, DEEPEST
@@ -115,7 +115,7 @@ class GroundBodies:
         return Tile(body, shape)
 
     def _shape(self, tile: Tile, i: int, j: int) -> None:
-        """Give a tile the heights of a place, and lay it there."""
+        """Set a tile's heights to those of a place, and lay it there."""
         heights = self._terrain.lattice(i * TILE, j * TILE, TILE + 1, TILE + 1)
         self._height_field(heights, replaceHeightfieldIndex=tile.shape)
         self._lay(tile, i, j)
@@ -136,7 +136,7 @@ class GroundBodies:
         return number
 
     def _make_rock(self, rock: Rock) -> int:
-        """An upright cylinder that does not move, seen by cameras and felt by feet."""
+        """Make an upright cylinder that does not move. Cameras see it and feet feel it."""
         height = rock.height + ROOTS
         shape = self._engine.createCollisionShape(
             pybullet.GEOM_CYLINDER, radius=rock.radius, height=height

@@ -1,9 +1,9 @@
 """The quick backend: no dynamics, only equilibrium. The body rests on springs under the standing
 feet.
 
-Every tick the horizontal pose follows from the feet that bear load (they do not slip), and height,
-roll and pitch from the balance of weight and foot forces, with the same foot stiffness as in the
-physical model. Fully deterministic.
+Every tick the horizontal pose follows from the loaded feet, which do not slip. Height, roll and
+pitch follow from the balance of weight and foot forces. The foot stiffness is that of the physical
+model. The result is fully deterministic.
 """
 
 import math
@@ -15,8 +15,8 @@ from robots.ambler_sim.geometry import (
     SHAFT_Y,
     SHOULDER_Z,
     Array,
-    carried,
     feet_of,
+    rigid_motion,
     to_body,
     to_world,
     unwrap,
@@ -36,8 +36,8 @@ SOFT = 1e-6 * np.eye(3)
 
 
 class KinematicPlant(Plant):
-    """A mechanism that is always in equilibrium. By the name of "graphical" it is the same, but
-    shown as it moves.
+    """A mechanism that is always in equilibrium. The backend "graphical" is the same, shown while
+    it moves.
     """
 
     tick = 0.025
@@ -52,8 +52,8 @@ class KinematicPlant(Plant):
         self._anchors = to_world(self._pose, feet_of(self._joints))[:, :2]
         self._stand(feet_of(self._joints))
 
-    def drive(self, joints: Array, rates: Array) -> None:  # noqa: ARG002 - speeds do not matter without dynamics
-        """Take up the joint positions at once and find the new equilibrium."""
+    def drive(self, joints: Array, rates: Array) -> None:  # noqa: ARG002 - no dynamics, no speeds
+        """Set the joint positions at once and find the new equilibrium."""
         self._joints = joints.copy()
         feet = feet_of(joints)
         self._carry(feet)
@@ -70,7 +70,7 @@ class KinematicPlant(Plant):
         return self._loads.copy()
 
     def pushes(self) -> Array:
-        """Of the rocks that feet run into, as if rocks were as hard as feet."""
+        """The forces of rocks on the feet, as if rocks were as stiff as feet."""
         feet = to_world(self._pose, feet_of(self._joints))
         pushes = np.zeros(len(feet))
         for rock in self._terrain.rocks:
@@ -84,7 +84,7 @@ class KinematicPlant(Plant):
         return pushes
 
     def bumps(self) -> Array:
-        """Of the rocks that links and body run into, as if rocks were as hard as feet."""
+        """The forces of rocks on links and body, as if rocks were as stiff as feet."""
         rocks = [
             rock
             for rock in self._terrain.rocks
@@ -105,7 +105,7 @@ class KinematicPlant(Plant):
         """Nothing to free."""
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """March along each ray until it is below the ground, then cut the last stretch linearly."""
+        """March along each ray until it is below the ground, then interpolate the last interval."""
         distances = np.arange(RAY_STEP, limit, RAY_STEP)
         places = origin[:, None, None] + directions.T[:, :, None] * distances
         above = places[2] - self._terrain.heights_at(places[0], places[1])
@@ -119,19 +119,19 @@ class KinematicPlant(Plant):
         )
 
     def _carry(self, feet: Array) -> None:
-        """The horizontal pose that brings the loaded feet back onto their anchors (least
-        squares).
-        """
+        """Fit the horizontal pose so that the loaded feet are on their anchors (least squares)."""
         firm = self._loads > 0
         if firm.sum() < LEAST_FEET:
             return
-        heading, (x, y) = carried(feet[firm, :2], self._anchors[firm])
+        heading, (x, y) = rigid_motion(feet[firm, :2], self._anchors[firm])
         self._pose = Pose(
             float(x), float(y), unwrap(heading, self._pose.heading), self._pose.height
         )
 
     def _stand(self, feet: Array) -> None:
-        """Height, roll and pitch at which the springs of the feet below ground bear the weight."""
+        """Find the height, roll and pitch at which the springs of the feet below ground bear the
+        weight.
+        """
         spot = to_world(self._pose, feet)
         spot[:, :2] = np.where((self._loads > 0)[:, None], self._anchors, spot[:, :2])
         wanted = self._terrain.under(spot) - feet[:, 2]
@@ -149,8 +149,8 @@ class KinematicPlant(Plant):
 
 
 def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
-    """How far (m) each leg's beams are in the nearest rock that reaches up to them; rocks in the
-    body frame.
+    """How deep (m) each leg's beams are in the nearest rock that reaches up to them. Rocks are in
+    the body frame.
     """
     depths = []
     for leg, (angle, reach, _) in enumerate(joints):
@@ -167,18 +167,18 @@ def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
 
 
 def _into_body(tops: Array, radii: Array) -> float:
-    """How far (m) the body is in the nearest rock that reaches up to it."""
+    """How deep (m) the body is in the nearest rock that reaches up to it."""
     half = np.array([AMBLER.body_length / 2, AMBLER.shaft_offset + AMBLER.body_length / 4])
     outside = (np.abs(tops[:, :2]) - half).clip(min=0.0)
     return float(np.where(tops[:, 2] > -AMBLER.belly, radii - np.hypot(*outside.T), 0.0).max())
 
 
 def _equilibrium(arms: Array, wanted: Array, firmness: Array, pull: Array, guess: Array) -> Array:
-    """The lowest point of the energy of six springs that push but do not pull, and of the weight.
-    *firmness* is the stiffness of each spring, as a share of a foot's on firm ground.
+    """Find the lowest energy of the weight and of six springs that push but do not pull.
 
-    The energy is convex and piecewise quadratic: Newton's method, halving steps that lead uphill,
-    ends at the bottom.
+    *firmness* is the stiffness of each spring, as a share of a foot's on firm ground. The energy is
+    convex and piecewise quadratic. Newton's method therefore converges if it halves each step that
+    leads uphill.
     """
 
     def energy(at: Array) -> float:

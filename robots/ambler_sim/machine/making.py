@@ -1,4 +1,4 @@
-"""How to get a robot: with physics where it can be had, else without."""
+"""Make a robot: with physics if PyBullet is installed, else without."""
 
 import importlib.util
 import os
@@ -23,11 +23,16 @@ def make_robot(
     start: Pose = ORIGIN,
     window: bool = False,
 ) -> Robot:
-    """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose
-    terrain then counts).
+    """Make a robot that stands at *start* on new ground, or where the snapshot *state* left it.
 
-    "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else
-    the kinematic one. With *window* physics is shown in one.
+    Args:
+        backend: "auto" takes the backend of *state* if it is available. Otherwise it takes PyBullet
+            if that is installed, else the kinematic backend.
+        terrain: the ground; ignored with *state*, which has its own.
+        pace: simulated time as a multiple of real time; 0 is as fast as possible.
+        state: the snapshot of another process.
+        start: the pose on new ground.
+        window: show the physics in a window.
     """
     ground = Terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
@@ -36,12 +41,12 @@ def make_robot(
 
 
 def pybullet_is_installed() -> bool:
-    """PyBullet has wheels for few platforms only."""
+    """Whether PyBullet is installed; it has wheels for few platforms only."""
     return importlib.util.find_spec("pybullet") is not None
 
 
 def why_no_window() -> str:
-    """What is missing here for a window; empty: nothing."""
+    """Why no window can be opened here; empty if one can."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return "it needs a screen, and there is none here: $DISPLAY is not set"
     return ""
@@ -57,7 +62,8 @@ def _chosen(backend: Backend, state: Snapshot | None) -> str:
 def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
     if backend in WITHOUT_PHYSICS:
         return KinematicPlant(terrain, posture, backend)
-    from robots.ambler_sim.machine import physics  # noqa: PLC0415 - it needs PyBullet, which may not be installed
+    # It imports PyBullet, which may not be installed.
+    from robots.ambler_sim.machine import physics  # noqa: PLC0415
 
     return (
         physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)

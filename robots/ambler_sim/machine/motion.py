@@ -1,5 +1,5 @@
-"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. No simulator in
-here.
+"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. Nothing here uses
+a simulator.
 """
 
 import itertools
@@ -16,7 +16,7 @@ SPEEDS: Array = np.array([3.0, 1.2, 1.6])
 """Greatest speeds of angle (rad/s), reach and drop (m/s)."""
 
 ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
-"""Greatest accelerations (rad/s2, m/s2): a foot that is jerked aside feels forces as if it met
+"""Greatest accelerations (rad/s2, m/s2). A foot that is jerked aside feels forces as if it met
 something.
 """
 
@@ -24,30 +24,31 @@ SHORTEST = 0.1
 GUARD = 0.15
 GUARDED_SPEED = 0.25
 HURRIED_SPEED = 1.0
-"""How fast (m/s) a foot is lowered, and how fast when the body tilts."""
+"""The speed (m/s) at which a foot is lowered while the body tilts; GUARDED_SPEED is the normal one.
+"""
 
 TOUCH_LOAD = 1500.0
-"""A foot with this vertical force (N) stands."""
+"""The vertical force (N) from which on a foot stands."""
 
 HANGING_LOAD = 500.0
-"""A foot that bears less (N) does not stand."""
+"""The vertical force (N) below which a foot does not stand."""
 
 CONTACT_FORCE = 800.0
-"""A lifted foot that is pushed aside with this force (N) has met something; swinging freely it
-feels at most half.
+"""The sideways force (N) from which on a lifted foot has met something. A free swing gives at most
+half of it.
 """
 
 BACK_OFF = 0.25
-"""How far (m) a foot goes back from what it met before it is put down."""
+"""How far (m) a foot moves back from an obstacle before it is put down."""
 
 
 ROTATING = 2
-"""Which of the segments of a leg move swings the lifted foot around the shaft."""
+"""The index of the segment of a leg move that swings the lifted foot around the shaft."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One leg's joints go from *start* to *end* in *duration* seconds."""
+    """A motion of one leg's joints from *start* to *end* in *duration* seconds."""
 
     start: Array
     end: Array
@@ -60,13 +61,13 @@ class Segment:
 
 
 def ease(share: float) -> float:
-    """A cosine from 0 to 1 with no speed at both ends."""
+    """A cosine from 0 to 1 with speed 0 at both ends."""
     return (1 - math.cos(math.pi * min(share, 1.0))) / 2
 
 
 def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
-    """Lift, retract, rotate, extend and lower until GUARD above the expected ground, from the
-    present *joints*.
+    """The segments of a leg move from the present *joints*: lift, retract, rotate, extend, and
+    lower to GUARD above the expected ground.
     """
     angle, reach, drop = leg_joints(pose, move.foothold)
     first, _, standing = joints
@@ -84,8 +85,8 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
 
 
 def back_off(segment: Segment, share: float) -> Segment:
-    """The way back from where *share* of a segment has been done, until the foot is BACK_OFF away
-    or at its start.
+    """The way back from *share* of a segment, until the foot is BACK_OFF away or at the segment's
+    start.
     """
     here = segment.at(share)
     while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
@@ -94,14 +95,15 @@ def back_off(segment: Segment, share: float) -> Segment:
 
 
 def _distance(first: Array, second: Array) -> float:
-    """Between a foot's places at two (angle, reach, drop) of one leg."""
+    """The distance of a foot's places at two (angle, reach, drop) of one leg."""
     (a, r, d), (b, s, e) = first, second
     return math.dist((r * math.cos(a), r * math.sin(a), d), (s * math.cos(b), s * math.sin(b), e))
 
 
 def make_segment(start: Array, end: Array) -> Segment:
-    """As quick as is allowed; a cosine profile peaks at pi/2 of its mean speed, and pi^2/2 of its
-    mean acceleration.
+    """Make the quickest allowed segment.
+
+    A cosine profile peaks at pi/2 of its mean speed and pi^2/2 of its mean acceleration.
     """
     way = np.abs(end - start)
     slowest, laziest = float((way / SPEEDS).max()), float((way / ACCELERATIONS).max())
@@ -111,7 +113,7 @@ def make_segment(start: Array, end: Array) -> Segment:
 
 
 def blend(start: Pose, goal: Pose, share: float) -> Pose:
-    """A pose between two; the heading goes the short way."""
+    """Interpolate two poses; the heading turns the short way."""
     turn = math.remainder(goal.heading - start.heading, math.tau)
     return Pose(
         start.x + share * (goal.x - start.x),

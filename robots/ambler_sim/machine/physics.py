@@ -25,16 +25,19 @@ ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 
-WINDOW = "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
+WINDOW = (
+    "--width=1200 --height=800"
+    " --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
+)
 AWAY, SIDEWAYS, DOWN = 9.0, 50.0, -16.0
-"""Of the camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
+"""The camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
 
 BETWEEN_LOOKS = 0.04
 """Seconds between two moves of the camera."""
 
 
 class BulletPlant(BulletWorld, Plant):
-    """A simulated mechanism and its ground, in a physics world of its own."""
+    """A simulated mechanism and its ground, in a separate physics world."""
 
     name = "pybullet"
     tick = TICK
@@ -61,7 +64,7 @@ class BulletPlant(BulletWorld, Plant):
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
-        """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they
+        """Run the motors towards *joints* for one tick. *rates* are fed forward so that the joints
         do not lag.
         """
         if self._terrain.has_soft_ground:
@@ -77,16 +80,18 @@ class BulletPlant(BulletWorld, Plant):
         return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
 
     def loads(self) -> Array:
-        """From the force sensors between vertical links and feet."""
+        """The loads, from the force sensors between vertical links and feet."""
         return -self._forces()[:, 2]
 
     def pushes(self) -> Array:
-        """From the same sensors."""
+        """The horizontal forces, from the same sensors."""
         pushes: Array = np.hypot(*self._forces()[:, :2].T)
         return pushes
 
     def bumps(self) -> Array:
-        """From touch sensors on links and body; what rests on the ground are the feet."""
+        """The forces on links and body, from their touch sensors. The feet are left out: they rest
+        on the ground.
+        """
         bumps = np.zeros(len(LEGS) + 1)
         for contact in self._engine.getContactPoints(bodyA=self._robot):
             if contact[3] not in self._feet:
@@ -94,7 +99,7 @@ class BulletPlant(BulletWorld, Plant):
         return bumps
 
     def attitude(self) -> Attitude:
-        """The true position of the body: as from a perfect inertial sensor."""
+        """The true pose of the body, as from a perfect inertial sensor."""
         place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
         turned = rotation_matrix(Attitude(Pose(0.0, 0.0, heading, 0.0), roll, pitch))
@@ -104,7 +109,7 @@ class BulletPlant(BulletWorld, Plant):
         return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """Ray casting; the scanner looks past the robot's own links."""
+        """Cast rays; the scanner does not see the robot's own links."""
         ends = origin + limit * directions
         hits = self._engine.rayTestBatch(
             [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN
@@ -113,17 +118,19 @@ class BulletPlant(BulletWorld, Plant):
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a body onto the ground as well."""
+        """Add the rock to the physics world, too."""
         super().add_rock(rock)
         self._ground.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """Lay the tiles there anew."""
+        """Lay new tiles there, too."""
         super().give_way(x, y)
         self._ground.remake(x, y)
 
     def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
-        """From ahead and above. It is taken twice as large: the renderer draws hard edges."""
+        """Photograph from ahead and above. The rendering is twice as large, because the renderer
+        draws hard edges.
+        """
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
         frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
@@ -133,7 +140,7 @@ class BulletPlant(BulletWorld, Plant):
         return True
 
     def _sink(self) -> None:
-        """Feet on soft ground stand on softer springs."""
+        """Give feet on soft ground softer springs."""
         states = self._engine.getLinkStates(self._robot, self._feet)
         x, y, _ = np.array([state[0] for state in states]).T
         firmness = self._terrain.softness_at(x, y)
@@ -147,13 +154,15 @@ class BulletPlant(BulletWorld, Plant):
         self._firmness = firmness
 
     def _forces(self) -> Array:
-        """The forces on the six-axis sensors over the feet, (6, 3); a hanging foot pulls."""
+        """The forces on the six-axis sensors above the feet, (6, 3). A hanging foot pulls."""
         states = self._engine.getJointStates(self._robot, self._feet)
         return np.array([state[2][:3] for state in states])
 
     def _prepare_joints(self) -> None:
-        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot.
-        Links collide, but the scanner does not see them.
+        """Set motor limits and gains, and a force sensor above each foot.
+
+        Joints have no damping but that of the motors. Links collide, but the scanner does not see
+        them.
         """
         self._command = partial(
             self._engine.setJointMotorControlArray,
@@ -174,7 +183,7 @@ class BulletPlant(BulletWorld, Plant):
             self._engine.enableJointForceTorqueSensor(self._robot, foot)
 
     def _assume(self, posture: Posture) -> None:
-        """Put the body and all joints where *posture* says, at rest."""
+        """Place the body and all joints as in *posture*, at rest."""
         joints, attitude, pose = np.array(posture.joints), posture.attitude, posture.attitude.pose
         place = np.array([pose.x, pose.y, pose.height]) + rotation_matrix(attitude) @ self._centre
         quaternion = pybullet.getQuaternionFromEuler((attitude.roll, attitude.pitch, pose.heading))
@@ -185,9 +194,7 @@ class BulletPlant(BulletWorld, Plant):
 
 
 class BulletWindow(BulletPlant):
-    """The same in PyBullet's own window, for people with a screen. The camera walks along with the
-    robot.
-    """
+    """The same in PyBullet's own window, for users with a screen. The camera follows the robot."""
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._looked_at = 0.0
@@ -196,11 +203,11 @@ class BulletWindow(BulletPlant):
             self._engine.configureDebugVisualizer(panel, 0)
 
     def connect(self, tick: float) -> Engine:
-        """A physics world in a window; it is drawn by a thread of the engine's own."""
+        """Open a physics world in a window; a thread of the engine draws it."""
         return Engine(pybullet.GUI, tick, options=WINDOW)
 
     def attitude(self) -> Attitude:
-        """Position and inclination of the body; the camera goes there."""
+        """Position and inclination of the body. The camera follows them."""
         attitude = super().attitude()
         if (now := time.monotonic()) > self._looked_at + BETWEEN_LOOKS:
             self._looked_at = now
@@ -208,7 +215,7 @@ class BulletWindow(BulletPlant):
         return attitude
 
     def _look_at(self, pose: Pose) -> None:
-        """The engine's yaw is that of a camera that looks along y."""
+        """Aim the camera at the robot. The engine's yaw is 0 for a camera that looks along y."""
         yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
         self._engine.resetDebugVisualizerCamera(
             AWAY, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8)

@@ -1,5 +1,5 @@
 """The interface of a simulated mechanism to its controller: joints to drive and sensors to read,
-one tick at a time.
+tick by tick.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from robots.ambler_sim.vocabulary import Attitude, Foot, Pose, Posture, Rock
 
 
 class Plant(Protocol):
-    """A mechanism with 18 driven joints, on its ground; arrays are (6, 3): angle, reach, drop per
-    leg.
+    """A mechanism with 18 driven joints, on its ground. Arrays are (6, 3): angle, reach and drop of
+    each leg.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Plant(Protocol):
         """The horizontal force (N) on each foot, (6,)."""
 
     def bumps(self) -> Array:
-        """The force (N) of the ground on the links of each leg but its foot, and on the body,
+        """The force (N) of the ground on the links of each leg except its foot, and on the body,
         (7,).
         """
 
@@ -44,31 +44,34 @@ class Plant(Protocol):
         """Position and inclination of the body."""
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """The distance to the ground along each unit direction; NaN where there is none within
-        *limit* metres.
-        """
+        """The distance to the ground along each unit direction; NaN beyond *limit* metres."""
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock that the scanner does not see onto the ground; what runs into it feels it."""
+        """Put a rock onto the ground that the scanner does not see but the robot collides with."""
         self._terrain.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
         """Let the ground around a point fall in, and with it the foot that stands there."""
         self._terrain.give_way(x, y)
 
-    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
-        """Photograph robot, ground and footprints as a PNG file of that size; False if there is no
-        camera.
+    def photograph(
+        self,
+        path: Path,  # noqa: ARG002
+        trail: Sequence[Foot],  # noqa: ARG002
+        size: tuple[int, int],  # noqa: ARG002
+    ) -> bool:
+        """Photograph robot, ground and footprints as a PNG file of that size. Returns False without
+        a camera.
         """
         return False
 
     def close(self) -> None:
-        """Free what the simulator holds."""
+        """Free the resources of the simulator."""
 
 
 def standing_posture(terrain: Terrain, start: Pose) -> Posture:
-    """Level, all feet on the ground in the standard configuration around the x, y and heading of
-    *start*.
+    """A level posture around the x, y and heading of *start*, with all feet on the ground in the
+    standard configuration.
     """
     flat = np.array([[foot.x, foot.y, 0.0] for foot in standard_feet(start, 0.0)])
     flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])

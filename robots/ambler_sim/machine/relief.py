@@ -1,10 +1,10 @@
-"""The shape of unbounded ground, from a seed: hills, and what lies on them. Pure functions of x and
-y.
+"""The shape of unbounded ground from a seed: hills, and boulders or ditches on them. Pure functions
+of x and y.
 
-Hills are the sum of two profiles along axes at right angles to each other, and of small waves. A
-profile goes up and down in turn, in pieces of random length and steepness, every second one as
-steep as is allowed: so no place is steeper than the given slope, and any longer walk comes through
-places that are.
+Hills are the sum of small waves and of two profiles, along axes at right angles to each other. A
+profile goes up and down in turn, in pieces of random length and steepness. Every second piece has
+the greatest steepness allowed. So no place is steeper than the given slope, but any longer walk
+passes places as steep as that.
 """
 
 import math
@@ -17,20 +17,21 @@ from robots.ambler_sim.geometry import Array
 from robots.plane import seen_from
 
 REACH = 2000.0
-"""Metres from the start to which hills go on."""
+"""How far (m) from the start hills extend."""
 
 SHORTEST, LONGEST = 6.0, 13.0
 BEND = 1.2
-"""Metres over which one steepness passes into the next, on both sides of their border."""
+"""The distance (m), on both sides of their border, over which one steepness changes into the next.
+"""
 
 CALM = 4.0
-"""Metres around the start that are gentle."""
+"""Radius (m) of gentle ground around the start."""
 
 START_ROOM = 7.0
-"""Metres around the start without boulders and ditches."""
+"""Radius (m) around the start without boulders and ditches."""
 
 MAIN_SHARE = 0.95
-"""Of the slope: of the profiles; the rest is of the small waves."""
+"""The profiles' share of the slope; the small waves have the rest."""
 
 BOULDER_CELL, BOULDER_SHARE = 6.0, 0.5
 DITCH_SPACING, DITCH_DEPTH, DITCH_HALF_WIDTH, DITCH_SIDE = 19.0, 0.5, 0.35, 0.3
@@ -64,7 +65,7 @@ class Profile:
         self._heights -= np.interp(0.0, self._knots, self._heights)
 
     def heights(self, t: Array) -> Array:
-        """At these distances along the axis."""
+        """The heights at these distances along the axis."""
         t = np.clip(t, self._knots[0], self._knots[-1])
         piece = np.clip(np.searchsorted(self._knots, t, side="right") - 1, 0, len(self._knots) - 2)
         along = t - self._knots[piece]
@@ -118,9 +119,7 @@ class Relief:
         return humps
 
     def _discs(self, name: str, cell: float, share: float, x: Array, y: Array) -> Array:
-        """How far inside one of scattered discs each point is: 1 in its middle, 0 or less
-        outside.
-        """
+        """How far inside a scattered disc each point is: 1 in its middle, 0 or less outside."""
         x, y = np.broadcast_arrays(x, y)
         row, column = np.floor(x / cell).astype(int), np.floor(y / cell).astype(int)
         inside = np.full(x.shape, -1.0)

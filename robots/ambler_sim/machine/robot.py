@@ -59,20 +59,21 @@ BALANCE_RATE = 2.0
 LEVEL_RATE = 3.0
 GREATEST_CORRECTION = 0.4
 LEAST_WAY = 1e-4
-"""Metres that a foot goes sideways between two moments of a segment, if it does."""
+"""The sideways way (m) of a foot from which on it has a direction."""
 
 TRAIL = 60
-"""Footholds that are remembered for pictures."""
+"""The number of footholds remembered for pictures."""
 
 MOST_BEHIND = 0.12
 MOST_BEHIND_STANDING = 0.06
-"""How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that
-carries the body.
+"""How far (m or rad) a joint may be behind its command: MOST_BEHIND in a swinging leg, this in a
+leg that carries the body.
 """
 
 MOST_TILT = 0.03
-"""The inclination (rad) at which a move is stopped, with its leg put down: 1.7 degrees. A robot
-that stands safely on five springy feet may come to 1.3.
+"""The inclination (rad) at which a move is stopped, with its leg put down: 1.7 degrees.
+
+A robot that stands safely on five springy feet may tilt by 1.3 degrees.
 """
 
 PUT_DOWN_AT_MOST = 3
@@ -80,17 +81,17 @@ PUT_DOWN_AT_MOST = 3
 
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
-"""How level (rad) the body is made by ``level``, and how long that may take."""
+"""How long ``level`` may take to bring the inclination below LEVEL_ENOUGH (rad)."""
 
 TOLERANCE = 0.05
-"""The links go this much (m) further than planners may plan: feet creep some centimetres on steep
+"""How far (m) the links move beyond the planners' limits: feet creep some centimetres on steep
 ground.
 """
 
 
 class Robot:
-    """A robot on some plant. All moves block until done; simulated time passes only during moves.
-    For one thread.
+    """A robot on some plant, for one thread. All moves block until done; simulated time passes only
+    during moves.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Robot:
         )
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
-        """Simulated seconds since the walk began, over all processes that took part in it."""
+        """Simulated seconds since the walk began, in all processes that took part in it."""
         self.footsteps = state.footsteps if state else 0
         self._last_leg = state.last_leg if state else NO_LEG
         self._scans = state.scans if state else 0
@@ -119,20 +120,20 @@ class Robot:
         )
         self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
-        """The greatest inclination (rad) of the body since this object was made."""
+        """The greatest inclination (rad) of the body since the last footstep, or since this object
+        was made.
+        """
         self._settle()
         self.peak_tilt = 0.0
         if state is None:
             self._trail.extend(self.true_stance().feet)
 
     def stance(self) -> Stance:
-        """The body pose and the six feet as the robot believes them to be now: by dead
-        reckoning.
-        """
+        """The body pose and the six feet as the robot believes them to be, by dead reckoning."""
         return self._stance_at(self._pose())
 
     def true_stance(self) -> Stance:
-        """Where they really are; for those who judge the walk, and for pictures."""
+        """The true stance, for pictures and for judging the walk."""
         return self._stance_at(self._plant.attitude().pose)
 
     def _pose(self) -> Pose:
@@ -142,7 +143,7 @@ class Robot:
         return stance_of(pose, self._machine.joints(), self._last_leg)
 
     def readings(self) -> Readings:
-        """Inclinometers and foot force sensors."""
+        """The readings of inclinometers, force sensors, amplifiers and encoders."""
         attitude = self._plant.attitude()
         loads = tuple(float(load) for load in self._machine.loads())
         return Readings(
@@ -157,12 +158,12 @@ class Robot:
     # --- faults and their mending -----------------------------------------------------------------
 
     def inject(self, fault: Fault) -> None:
-        """Something goes wrong as soon as it can."""
+        """Add a fault, which begins as soon as it can."""
         self._machine.arm(fault)
 
-    def begun_faults(self) -> list[Fault]:
-        """Those that have begun since this was asked before."""
-        return self._machine.take_begun()
+    def pop_begun_faults(self) -> list[Fault]:
+        """Return the faults that have begun since the last call."""
+        return self._machine.pop_begun_faults()
 
     def reset(self, leg: int, *, operator: bool = False) -> None:
         """Switch the amplifier of a leg on again. Raises NEEDS_OPERATOR if only an operator can."""
@@ -185,13 +186,13 @@ class Robot:
             raise NEEDS_OPERATOR(leg, f"a joint of leg {leg} stays stuck: an operator must free it")
 
     def calibrate(self, leg: int) -> None:
-        """Set the relative encoder of a leg by the absolute one, and its force sensor to zero."""
+        """Set the relative encoder of a leg from the absolute one, and its force sensor to zero."""
         self._machine.clear(leg, "encoder drift", "force sensor")
         self._rebase()
 
     def level(self) -> None:
-        """Put down legs that bear nothing, and stand, until the body is level; for LEVEL_SECONDS or
-        a little more.
+        """Put down legs that bear no load, and stand until the body is level, for about
+        LEVEL_SECONDS at most.
         """
         self._rebase()
         began = self.time
@@ -208,9 +209,11 @@ class Robot:
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is.
 
-        Raises AMPLIFIER_TRIPPED; TERRAIN_COLLISION or TIP_OVER_RISK, standing again, when the leg
-        met something on its way or the body tilted. A JOINT_FAULT leaves the leg where it got
-        stuck: in the air, until ``free_joint``.
+        Raises:
+            AMPLIFIER_TRIPPED: before anything moved.
+            TERRAIN_COLLISION: the leg met something on its way; it stands again.
+            TIP_OVER_RISK: the body tilted; the leg stands again.
+            JOINT_FAULT: the leg is where it got stuck, in the air, until ``free_joint``.
         """
         self._require_amplifiers()
         self._rebase()
@@ -226,12 +229,15 @@ class Robot:
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
-        """Carry the body to a pose over standing feet; returns the pose reached. When stopped it
+        """Carry the body to a pose over standing feet. Returns the pose reached. When stopped, it
         comes to rest gently.
 
-        Raises, without moving, AMPLIFIER_TRIPPED, or OutOfReach when a leg could not follow;
-        TERRAIN_COLLISION, back where it was, when the body met something; and TIP_OVER_RISK when it
-        tilted.
+        Raises:
+            AMPLIFIER_TRIPPED: before anything moved.
+            OutOfReach: a leg could not follow; nothing moved.
+            TERRAIN_COLLISION: the body met something; it is back where it was.
+            TIP_OVER_RISK: the body tilted.
+            JOINT_FAULT: a joint of a standing leg does not follow.
         """
         self._require_amplifiers()
         self._rebase()
@@ -264,8 +270,9 @@ class Robot:
         return self._pose()
 
     def scan(self) -> Array:
-        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No
-        time passes, but while the body moves they are blurred as if it did.
+        """Points (n, 3) of one sweep of the range scanner, in the robot's believed world frame.
+
+        No time passes. During a body move the points are blurred as if it did.
         """
         self._scans += 1
         attitude, seed = self._plant.attitude(), (self.terrain.spec.seed, self._scans)
@@ -273,9 +280,7 @@ class Robot:
         return to_world(self._pose(), to_body(attitude.pose, points))
 
     def footstep(self) -> Footstep:
-        """The record of the footstep that has just been made: what the robot believes, and what is
-        true.
-        """
+        """The record of the last footstep, with the robot's belief and the truth."""
         believed, true = self.stance(), self.true_stance()
         leg, tilt = max(self._last_leg, 0), self.peak_tilt
         self.peak_tilt = 0.0
@@ -292,7 +297,7 @@ class Robot:
         )
 
     def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
-        """A photograph of the robot where it is now or, without a camera, a drawing; the path
+        """Write a photograph of the robot or, without a camera, a drawing. Returns the path
         written.
         """
         written = Path(path).with_suffix(".png")
@@ -302,11 +307,11 @@ class Robot:
         return written
 
     def drawing(self) -> str:
-        """A drawing of where the robot is now, as SVG, whatever the backend."""
+        """Draw the robot's true stance as SVG, with any backend."""
         return draw(self.true_stance(), self.terrain, self._trail)
 
     def state(self) -> Snapshot:
-        """The state that another process needs to go on from here."""
+        """The state from which another process can continue."""
         return Snapshot(
             backend=self.backend,
             terrain=self.terrain.present,
@@ -326,8 +331,8 @@ class Robot:
         self._plant.close()
 
     def _rebase(self) -> None:
-        """Command what is measured, so that old position errors do not become forces; start the
-        clock of this move.
+        """Command the measured joints, so that old position errors do not become forces. Restart
+        the clock of this move.
         """
         self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
@@ -336,8 +341,8 @@ class Robot:
     def _swing_over(
         self, leg: int, segments: list[motion.Segment], watch: MoveWatch
     ) -> Contact | None:
-        """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way
-        back from there.
+        """Bring a leg over its foothold. If it meets something, move it back a little and return
+        the contact.
         """
         lift, *others = segments
         self._swing(leg, lift, watch)
@@ -352,11 +357,10 @@ class Robot:
     def _swing(
         self, leg: int, segment: motion.Segment, watch: MoveWatch, *, feels: bool = False
     ) -> float:
-        """Move a leg; the share of the segment that was done until it was stopped or, if it
+        """Move a leg along a segment. Returns the share done before it was stopped or, with
         *feels*, met something.
 
-        Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in
-            physics.
+        Other legs hold still: levelling on five feet rocked the robot over in the physics backend.
         """
         ticks = math.ceil(segment.duration / self._plant.tick)
         for number in range(1, ticks + 1):
@@ -371,7 +375,7 @@ class Robot:
         return 1.0
 
     def _begin_faults(self) -> None:
-        """A move is over: what was to go wrong after it does."""
+        """After a move, begin the faults that waited for its end."""
         if self._machine.after_move():
             self._settle()
 
@@ -382,8 +386,8 @@ class Robot:
                 raise AMPLIFIER_TRIPPED(leg, f"the amplifier of leg {leg} is off")
 
     def _require_following(self, *legs: int, most: float) -> None:
-        """Raise JOINT_FAULT, standing on the other legs, if one is further behind its command than
-        *most*.
+        """Raise JOINT_FAULT, standing on the other legs, if a leg is further behind its command
+        than *most*.
         """
         behind = np.abs(self._command - self._machine.joints()).max(axis=1)
         leg = max(legs, key=lambda each: behind[each])
@@ -411,8 +415,8 @@ class Robot:
         return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
-        """The contact of the body, or of a leg's beams, on its way from *start* to *goal*; None if
-        nothing is there.
+        """The contact of the body, or of a leg's beams, on the way from *start* to *goal*; None
+        without one.
         """
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
@@ -424,7 +428,7 @@ class Robot:
         )
 
     def _put_down(self, leg: int, watch: MoveWatch) -> None:
-        """Let a leg stand, and settle: again, if it bears nothing when the others have."""
+        """Lower a leg until it stands, and settle. Repeat if it then bears no load."""
         for _ in range(PUT_DOWN_AT_MOST):
             self._lower(leg, watch)
             self._rebase()
@@ -433,12 +437,12 @@ class Robot:
                 return
 
     def _hangs(self, leg: int) -> bool:
-        """Whether a foot bears nothing; of a sensor that says nothing that is not known."""
+        """Whether a foot bears no load; False if its sensor is broken."""
         return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
-        """The guarded move: slowly down until the force sensor feels the ground, however far that
-        is: a leg that hangs is a leg that others believe to stand.
+        """The guarded move: lower a leg slowly until its force sensor feels the ground, however far
+        down. A hanging leg must not count as standing.
         """
         self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)
@@ -457,7 +461,7 @@ class Robot:
         self._drive(joints_of(to_body(pose, feet), near=self._command[:, 0]), watch)
 
     def _drive(self, joints: Array, watch: MoveWatch | None = None) -> None:
-        """One tick of everything."""
+        """Run one tick of everything."""
         tick = self._plant.tick
         self._machine.drive(joints, (joints - self._command) / tick)
         self._command = joints
@@ -474,7 +478,7 @@ class Robot:
                 watch.tilted(self._tilt)
 
     def _settle(self) -> None:
-        """Stand still while loads and level are evened out."""
+        """Stand still while loads and level even out."""
         for _ in range(math.ceil(SETTLE_SECONDS / self._plant.tick)):
             joints = self._command.copy()
             joints[:, 2] += self._corrections()
@@ -484,8 +488,8 @@ class Robot:
         """How much each standing leg should extend in this tick to even out the loads and to level
         the body.
 
-        Six stiff legs on the ground are a table that wobbles: without this it would stand on two or
-        three of them.
+        Six stiff legs on the ground wobble like a table. Without this correction the robot would
+        stand on two or three.
         """
         tick, loads, attitude = self._plant.tick, self._machine.loads(), self._plant.attitude()
         standing = [leg for leg in LEGS if leg not in self._airborne and math.isfinite(loads[leg])]
@@ -498,7 +502,7 @@ class Robot:
         return corrections
 
     def _landed(self, leg: int, *, reached: bool) -> Footfall:
-        """Note where the foot has come down; a stopped leg stays the next to step."""
+        """Record where the foot has landed. After a stopped move the same leg steps next."""
         foot = self.stance().feet[leg]
         self._trail.append(self.true_stance().feet[leg])
         if reached:
@@ -507,8 +511,8 @@ class Robot:
 
 
 def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
-    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if it was stopped because
-    the body tilted.
+    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if the tilt of the body
+    stopped it.
     """
     if contact is not None:
         what = f"leg {contact.leg}" if contact.leg in LEGS else "the body"
@@ -521,7 +525,7 @@ def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
 
 
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
-    """The unit vector from one place to another; none if they are the same."""
+    """The unit vector from one place to another; zero if they are the same."""
     way = math.dist(start, end)
     return (
         (float(end[0] - start[0]) / way, float(end[1] - start[1]) / way)

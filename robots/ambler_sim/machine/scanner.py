@@ -1,4 +1,4 @@
-"""The laser range scanner on the mast: which way its rays go, and how noisy their ranges are."""
+"""The laser range scanner on the mast: the directions of its rays and the noise of its ranges."""
 
 from collections.abc import Callable
 
@@ -9,13 +9,13 @@ from robots.ambler_sim.machine.plant import rotation_matrix
 from robots.ambler_sim.vocabulary import Attitude
 
 MOUNT = np.array([0.9, 0.0, 2.6])
-"""In the body frame: in front of the bridge, above the equipment boxes."""
+"""The scanner's place in the body frame: in front of the bridge, above the equipment boxes."""
 
 ROWS, COLUMNS = 64, 96
 RANGE = 14.0
 NOISE = 0.02
 SWEEP = 0.5
-"""Seconds, from the nearest row to the farthest."""
+"""Seconds from the nearest row to the farthest."""
 
 _NEAREST, _FARTHEST = np.radians(-78.0), np.radians(-24.0)
 _SIDEWAYS = np.radians(85.0)
@@ -27,9 +27,11 @@ def scan(
     seed: tuple[int, int],
     velocity: Array,
 ) -> Array:
-    """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same
-    *seed* gives the same noise. While the body moves (*velocity*, m/s) the image is blurred: a
-    sweep takes SWEEP seconds, row by row.
+    """Return the world points (n, 3) where the rays meet the ground; the same *seed* gives the same
+    noise.
+
+    All rays leave at once. While the body moves (*velocity*, m/s) the image is blurred as if the
+    sweep took SWEEP seconds, row by row.
     """
     turn = rotation_matrix(attitude)
     position = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
@@ -45,12 +47,12 @@ def scan(
 
 def ray_directions() -> Array:
     """Unit vectors in the body frame, row by row from near to far."""
-    down, aside = np.meshgrid(
+    down, sideways = np.meshgrid(
         np.linspace(_NEAREST, _FARTHEST, ROWS),
         np.linspace(-_SIDEWAYS, _SIDEWAYS, COLUMNS),
         indexing="ij",
     )
     rays = np.stack(
-        [np.cos(down) * np.cos(aside), np.cos(down) * np.sin(aside), np.sin(down)], axis=-1
+        [np.cos(down) * np.cos(sideways), np.cos(down) * np.sin(sideways), np.sin(down)], axis=-1
     )
     return rays.reshape(-1, 3)

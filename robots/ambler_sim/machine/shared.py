@@ -1,8 +1,7 @@
-"""The robot as two threads share it: one moves it, the other scans between two control ticks of a
-move.
+"""A robot shared by two threads: one moves it, the other scans between two control ticks of a move.
 
-The simulator is for one thread at a time. A scan that is wanted during a move is taken by the
-moving thread at its next tick; otherwise by the thread that wants it.
+The simulator may be used by one thread at a time. During a move the moving thread takes each
+requested scan at its next tick. Otherwise the requesting thread takes it.
 """
 
 import queue
@@ -15,24 +14,23 @@ from robots.ambler_sim.planning.elevation import pack_scan
 from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.vocabulary import NO_LEG, Scan, Stance
 
-_LOOK_AGAIN = (
-    0.02  # seconds after which a scan that no tick has taken looks whether the move has ended
-)
+# Seconds after which a waiting scan checks whether the move has ended.
+_POLL_PERIOD = 0.02
 
 
 class Machine:
-    """A robot that may be scanned from while it moves."""
+    """A robot that can be scanned from while it moves."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self._moving = threading.Lock()
-        self._wanted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._lifted = NO_LEG
         self._before = robot.stance()
 
     @contextmanager
     def moving(self, leg: int = NO_LEG) -> Iterator[None]:
-        """The robot is this thread's for a move, of a leg or of the body; call ``tick`` between
+        """Reserve the robot for this thread's move of a leg or of the body. Call ``tick`` between
         control ticks.
         """
         with self._moving:
@@ -44,18 +42,18 @@ class Machine:
                 self.tick()
 
     def tick(self) -> None:
-        """Take the scans that are wanted."""
-        while not self._wanted.empty():
-            self._wanted.get()()
+        """Take the requested scans."""
+        while not self._requests.empty():
+            self._requests.get()()
 
     def scan(self) -> Scan:
-        """One sweep of the range scanner, and the stance in which it was taken."""
+        """Take one sweep of the range scanner. Returns it with its stance."""
         taken: queue.SimpleQueue[Scan] = queue.SimpleQueue()
-        self._wanted.put(
+        self._requests.put(
             lambda: taken.put(pack_scan(self._stance_on_the_ground(), self.robot.scan()))
         )
         while taken.empty():
-            if self._moving.acquire(timeout=_LOOK_AGAIN):
+            if self._moving.acquire(timeout=_POLL_PERIOD):
                 try:
                     self.tick()
                 finally:
@@ -63,8 +61,8 @@ class Machine:
         return taken.get()
 
     def _stance_on_the_ground(self) -> Stance:
-        """The stance now, but a lifted foot is where it was lifted: maps take feet for points of
-        the ground.
+        """The present stance, but with a lifted foot where it was lifted. Maps use the feet as
+        points of the ground.
         """
         now = self.robot.stance()
         return now if self._lifted == NO_LEG else with_foot(now, self._before.feet[self._lifted])

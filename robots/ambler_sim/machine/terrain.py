@@ -1,8 +1,8 @@
 """The true ground: unbounded, from a seed. Planners never see it; they see the map built from
 scans.
 
-Heights are those of a lattice, bilinear in between, in both simulators. What is near the robot is
-kept; nothing grows.
+Both simulators use the heights of one lattice, bilinear in between. Only the part near the robot is
+cached, so memory does not grow.
 """
 
 import math
@@ -21,20 +21,20 @@ Cells = NDArray[np.intp]
 
 RESOLUTION = 0.25
 CELLS = 192
-"""On each side of the part of the lattice that is kept: 48 m."""
+"""Cells on each side of the cached part of the lattice: 48 m."""
 
 STANDS_ON = 0.15
-"""A foot that is no further (m) below the top of a rock stands on it; a lower one is beside it."""
+"""A foot at most this far (m) below the top of a rock stands on it; a lower one is beside it."""
 
 ROCK_RADIUS = (0.2, 0.3)
 MOST_ADDED = 20
-"""Rocks and holes: older ones are behind."""
+"""The number of rocks, and of holes, that are kept; older ones lie behind the robot."""
 
 HOLE_RADIUS, HOLE_DEPTH = 0.6, 0.25
-"""Of ground that gives way (m): it falls in around the foot, by less and less further out."""
+"""Ground that gives way (m) falls in around the foot, less and less further out."""
 
 STEEPNESS = {"flat": 0.0, "rolling": 0.1}
-"""Rise per run, at most, of the kinds that don't have the slope that is asked for."""
+"""The steepest rise per run of the kinds of ground that have a limit of their own."""
 
 
 class Terrain:
@@ -47,24 +47,24 @@ class Terrain:
         )
         self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
         self._holes = deque(spec.holes, maxlen=MOST_ADDED)
-        self._tops: dict[Rock, float] = {}  #: far ones, too, of which no ground is kept
-        self._keep(-CELLS // 2, -CELLS // 2)
+        self._tops: dict[Rock, float] = {}  #: also of rocks outside the cached ground
+        self._cache(-CELLS // 2, -CELLS // 2)
 
     @property
     def present(self) -> TerrainSpec:
-        """The ground as it now is, but for rocks that were added."""
+        """The specification of the present ground, without the rocks added later."""
         return replace(self.spec, holes=tuple(self._holes))
 
     @property
     def rocks(self) -> tuple[Rock, ...]:
-        """The rocks on the ground, those that were added since too."""
+        """All rocks on the ground, also those added later."""
         return (*self.spec.rocks, *self._added)
 
     def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
-        """The heights of a part of the lattice (rows along x, columns along y) that begins at this
-        row and column.
+        """The heights of a part of the lattice (rows along x, columns along y) from this row and
+        column on.
         """
-        return self._computed(
+        return self._lattice_heights(
             np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :]
         )
 
@@ -73,16 +73,16 @@ class Terrain:
         return float(self.heights_at(np.array([x]), np.array([y]))[0])
 
     def heights_at(self, x: Array, y: Array) -> Array:
-        """The ground heights at many points, bilinear between the lattice's."""
+        """The ground heights at many points, bilinear between those of the lattice."""
         u, v = x / RESOLUTION, y / RESOLUTION
         i: Cells = np.floor(u).astype(np.intp)
         j: Cells = np.floor(v).astype(np.intp)
         u, v = u - i, v - j
-        if self._keeps(i, j):
-            a, b, kept = i - self._row, j - self._column, self._kept
-            corners = kept[a, b], kept[a, b + 1], kept[a + 1, b], kept[a + 1, b + 1]
+        if self._is_cached(i, j):
+            a, b, cells = i - self._row, j - self._column, self._cached
+            corners = cells[a, b], cells[a, b + 1], cells[a + 1, b], cells[a + 1, b + 1]
         else:
-            compute = self._computed
+            compute = self._lattice_heights
             corners = compute(i, j), compute(i, j + 1), compute(i + 1, j), compute(i + 1, j + 1)
         near = corners[0] * (1 - v) + corners[1] * v
         far = corners[2] * (1 - v) + corners[3] * v
@@ -111,9 +111,9 @@ class Terrain:
         self._added.append(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """The ground around a point falls in."""
+        """Let the ground around a point fall in."""
         self._holes.append((x, y))
-        self._keep(self._row, self._column)
+        self._cache(self._row, self._column)
 
     def top(self, rock: Rock) -> float:
         """The height of a rock's highest point in the world."""
@@ -122,9 +122,7 @@ class Terrain:
         return self._tops[rock]
 
     def under(self, places: Array) -> Array:
-        """The height under these points (n, 3): of the ground, or of the top of a rock that they
-        are not below.
-        """
+        """The height under these points (n, 3): of the ground, or of a rock's top below them."""
         heights = self.heights_at(places[:, 0], places[:, 1])
         for rock in self.rocks:
             away = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y)
@@ -134,12 +132,12 @@ class Terrain:
                 heights = np.where(over, np.maximum(heights, top), heights)
         return heights
 
-    def _keep(self, row: int, column: int) -> None:
-        """Keep the part of the lattice that begins there."""
+    def _cache(self, row: int, column: int) -> None:
+        """Cache the part of the lattice from this row and column on."""
         self._row, self._column = row, column
-        self._kept = self.lattice(row, column, CELLS, CELLS)
+        self._cached = self.lattice(row, column, CELLS, CELLS)
 
-    def _computed(self, i: Cells, j: Cells) -> Array:
+    def _lattice_heights(self, i: Cells, j: Cells) -> Array:
         """The heights of these rows and columns of the lattice, with the holes."""
         x: Array = RESOLUTION * i.astype(np.float64)
         y: Array = RESOLUTION * j.astype(np.float64)
@@ -149,10 +147,8 @@ class Terrain:
             heights = heights - HOLE_DEPTH * inside
         return heights
 
-    def _keeps(self, i: Cells, j: Cells) -> bool:
-        """Whether the cells of these rows and columns are in the part that is kept, which moves if
-        need be.
-        """
+    def _is_cached(self, i: Cells, j: Cells) -> bool:
+        """Whether these cells are in the cached part, which is moved if necessary."""
         low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
         last = CELLS - 2  # a cell's corners are in the next row and column, too
         if (
@@ -162,15 +158,17 @@ class Terrain:
             return True
         if max(high_i - low_i, high_j - low_j) > CELLS // 2:
             return False
-        self._keep((low_i + high_i - CELLS) // 2, (low_j + high_j - CELLS) // 2)
+        self._cache((low_i + high_i - CELLS) // 2, (low_j + high_j - CELLS) // 2)
         return True
 
 
 def scattered_rocks(
     seed: int, count: int, metres: float, height: tuple[float, float]
 ) -> tuple[Rock, ...]:
-    """*count* rocks where legs swing: one in each of as many equal parts of a straight path of
-    *metres*, left and right in turn. Their heights are within these bounds.
+    """Place *count* rocks where legs swing. Their heights are within the bounds *height*.
+
+    A straight path of *metres* is divided into *count* equal parts. Each part gets one rock, left
+    and right in turn.
     """
     seeded = random.Random(seed)  # noqa: S311 - stones need no secrets
     rocks = []

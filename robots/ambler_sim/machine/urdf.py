@@ -1,6 +1,4 @@
-"""The Ambler as URDF text: what a physics engine needs to know of the mechanism, and how it
-looks.
-"""
+"""The Ambler as URDF text: its mechanism for a physics engine, and its look."""
 
 from itertools import pairwise
 
@@ -10,7 +8,7 @@ from robots.urdf import box, collision, cylinder, joint, link, robot, solid_box
 
 PARTS = ("shoulder", "extension", "vertical", "foot")
 EFFORT = {"shoulder": 3e4, "extension": 2e4, "vertical": 4e4}
-"""The strongest torque (Nm) or force (N) of each joint's motor."""
+"""The greatest torque (Nm) or force (N) of each joint's motor."""
 
 COLOURS = {
     "aluminium": (0.80, 0.82, 0.85),
@@ -23,14 +21,14 @@ COLOURS = {
 
 
 def ambler_urdf() -> str:
-    """The whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1 and so
-    on.
+    """Describe the whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1
+    and so on.
     """
     return robot("ambler", COLOURS, [_body(), *map(_leg, LEGS)])
 
 
 def _body() -> str:
-    """Two shafts with equipment boxes on top, a bridge between them and the scanner on its mast in
+    """Two shafts with equipment boxes on top, a bridge between them, and the scanner on its mast in
     front.
     """
     looks = []
@@ -63,7 +61,7 @@ def _body() -> str:
 
 
 def _leg(leg: int) -> str:
-    """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one
+    """Shoulder beam, sliding extension, vertical link and foot. Each part is the child of the one
     before.
     """
     parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
@@ -109,7 +107,7 @@ def _leg(leg: int) -> str:
 
 
 def _joints(leg: int) -> str:
-    """From the body down to the foot."""
+    """The joints of a leg, from the body down to the foot."""
     parts, nowhere, upright = AMBLER, (0, 0, 0), (0, 0, 1)
     shaft = (0.0, float(SHAFT_Y[leg]), float(SHOULDER_Z[leg]))
     extent, drop = (0.9, parts.max_reach + 0.1), (0.0, parts.max_drop)
@@ -129,10 +127,9 @@ def _joints(leg: int) -> str:
 
 
 def _springs() -> str:
-    """Compliant feet. With rigid ones six legs are a table that stands on two or three of them and
-    rocks.
-    """
+    """Compliant feet. On rigid ones the robot would rock on two or three legs, like a table."""
     return (
         '<contact><lateral_friction value="1.0"/><spinning_friction value="0.01"/>'
-        f'<stiffness value="{AMBLER.foot_stiffness}"/><damping value="{AMBLER.foot_damping}"/></contact>'
+        f'<stiffness value="{AMBLER.foot_stiffness}"/>'
+        f'<damping value="{AMBLER.foot_damping}"/></contact>'
     )

@@ -1,1 +1,1 @@
-"""The Ambler's modules, a process each; none of them names another."""
+"""The Ambler's modules, a process each. None of them names another."""

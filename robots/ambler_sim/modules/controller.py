@@ -1,9 +1,9 @@
-"""The real-time controller: owns the robot (here the simulator), moves it, and saves where it is
+"""The real-time controller: owns the robot (here the simulator), moves it, and saves its state
 after every move.
 
-The machine makes one move at a time; its range finder is a resource of its own, so that the scanner
-may ask it while it locks the moves. A controller that is started on the state file of another takes
-the robot over where that one left it.
+The machine makes one move at a time. Its range finder is a separate resource, so that the scanner
+can query it while it locks the moves. A new controller takes over the robot from the state file of
+the one before.
 """
 
 from collections.abc import Iterator
@@ -55,14 +55,14 @@ from tca_module import Module, Task
 from tca_tools.output import write_output
 
 STATE, RECORD = "robot.json", "footsteps.jsonl"
-"""The files of a walk's folder: the robot as it now is, and its footsteps."""
+"""The files of a walk's folder: the robot's present state, and its footsteps."""
 
 ROCK_HEIGHTS = (0.6, 0.8)
 
 
 class ControlledMachine(Machine):
-    """The machine as tasks change it: it is saved and filmed, and it is told what has begun to go
-    wrong.
+    """A machine that saves and films each change of the robot by a task, and broadcasts each fault
+    that has begun.
     """
 
     def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
@@ -72,34 +72,34 @@ class ControlledMachine(Machine):
         self.save()
 
     def save(self) -> None:
-        """Save the robot for another controller."""
+        """Save the robot's state for the next controller."""
         if self._folder is not None:
             write_output(self._folder / STATE, msgspec.json.encode(self.robot.state()))
 
     def record(self) -> None:
-        """Write a line for those who judge the walk."""
+        """Append the last footstep to the record by which the walk is judged."""
         if self._folder is not None:
             with (self._folder / RECORD).open("ab") as file:
                 file.write(msgspec.json.encode(self.robot.footstep()) + b"\n")
 
     @contextmanager
     def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
-        """The robot is this task's, to move a leg, the body or nothing; with what is called at each
-        tick of a move.
+        """Reserve the robot for a task that moves a leg, the body or nothing. Yields the function
+        to call at each tick.
         """
         try:
             with self.moving(leg):
-                yield lambda: self._goes_on(task)
+                yield lambda: self._on_tick(task)
         except AmblerError as error:
             raise MOTION_FAULT("body", str(error)) from error
         finally:
             self.save()
-            for fault in self.robot.begun_faults():
+            for fault in self.robot.pop_begun_faults():
                 task.broadcast(FAULT_BEGAN, fault)
 
-    def _goes_on(self, task: Task) -> bool:
-        """Between two control ticks: scan if somebody waits for one; stop if the task was
-        killed.
+    def _on_tick(self, task: Task) -> bool:
+        """Between two control ticks, take the scans that are waiting. Returns False, to stop, if
+        the task was killed.
         """
         self.tick()
         self.display.tick(task)
@@ -109,32 +109,32 @@ class ControlledMachine(Machine):
 
 
 def make_module(robot: Robot, folder: Path | None, camera: FilmCamera | None = None) -> Module:
-    """The module that moves *robot*; into the *folder*, if there is one, it saves the robot after
-    each move, and writes a line for each footstep. A *camera* films the moves.
+    """Make the module that moves *robot*. With a *folder* it saves the robot after each move, and
+    records each footstep. A *camera* films the moves.
     """
     controller = Module("controller")
     machine = ControlledMachine(robot, folder, camera)
 
     @controller.handles(MOVE_LEG)
     def move_leg(task: Task, move: LegMove) -> Footfall:
-        with machine.changed_by(task, move.leg) as goes_on:
-            return robot.move_leg(move, goes_on)
+        with machine.changed_by(task, move.leg) as on_tick:
+            return robot.move_leg(move, on_tick)
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
-        with machine.changed_by(task) as goes_on:
-            pose = robot.move_body(move, goes_on)
-            machine.display.made_a_footstep(task)
+        with machine.changed_by(task) as on_tick:
+            pose = robot.move_body(move, on_tick)
+            machine.display.after_footstep(task)
             machine.record()
             return pose
 
-    _answer_questions(controller, machine)
-    _care(controller, machine)
+    _add_queries(controller, machine)
+    _add_repairs(controller, machine)
     return controller
 
 
-def _answer_questions(controller: Module, machine: Machine) -> None:
-    """Answer questions about the robot."""
+def _add_queries(controller: Module, machine: Machine) -> None:
+    """Add handlers for queries about the robot."""
     robot = machine.robot
 
     @controller.handles(STANCE)
@@ -157,8 +157,8 @@ def _answer_questions(controller: Module, machine: Machine) -> None:
             return str(robot.picture(path))
 
 
-def _care(controller: Module, machine: ControlledMachine) -> None:
-    """Mend what is wrong with the machine, and spoil it."""
+def _add_repairs(controller: Module, machine: ControlledMachine) -> None:
+    """Add handlers that repair the machine or inject faults."""
     robot = machine.robot
 
     @controller.handles(INJECT)
@@ -188,7 +188,9 @@ def _care(controller: Module, machine: ControlledMachine) -> None:
 
 
 def main() -> None:
-    """The controller of a walk: it takes the robot over from the one before, if there was one."""
+    """Run the controller of a walk. It takes over the robot from an earlier controller, if there
+    was one.
+    """
     options = walk_options(".modules.controller", __doc__).parse_args()
     state = options.out / STATE
     saved = msgspec.json.decode(state.read_bytes(), type=Snapshot) if state.exists() else None

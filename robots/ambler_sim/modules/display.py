@@ -1,4 +1,4 @@
-"""The robot's picture for whoever looks: a shared variable, drawn now and then."""
+"""The robot's picture, as a shared variable that is updated now and then."""
 
 import time
 from collections.abc import Callable
@@ -9,14 +9,14 @@ from robots.ambler_sim.messages import ROBOT_PICTURE
 from tca_module import Sender, TcaError
 
 BETWEEN_PICTURES = 1.0
-"""Seconds between two pictures, at least; drawing one takes some milliseconds."""
+"""The least number of seconds between two pictures. Drawing one takes some milliseconds."""
 
 WHILE_MOVING = 0.2
-"""The same for a robot that is shown while it moves: in its time as well as in ours."""
+"""The same for a robot that is shown while it moves, both in its time and in real time."""
 
 
 class Display:
-    """Draws a robot after footsteps or, *while_moving*, all the time."""
+    """Draws a robot after footsteps or, with *while_moving*, also during moves."""
 
     def __init__(
         self, robot: Robot, *, while_moving: bool, clock: Callable[[], float] = time.monotonic
@@ -25,19 +25,18 @@ class Display:
         self._due = self._due_in_its_time = 0.0
 
     def tick(self, sender: Sender) -> None:
-        """A move goes on."""
+        """Draw at a tick of a move, if a picture is due."""
         if self._while_moving and self._robot.time >= self._due_in_its_time:
             self._due_in_its_time = self._robot.time + WHILE_MOVING
             self._show(sender, WHILE_MOVING)
 
-    def made_a_footstep(self, sender: Sender) -> None:
-        """The robot stands."""
+    def after_footstep(self, sender: Sender) -> None:
+        """Draw after a footstep, if a picture is due."""
         self._show(sender, BETWEEN_PICTURES)
 
     def _show(self, sender: Sender, pause: float) -> None:
         if (now := self._clock()) >= self._due:
             self._due = now + pause
-            with suppress(
-                TcaError
-            ):  # no picture is worth a move: it may have been killed, or central be away
+            # A picture must not fail a move: the task may be killed, or central disconnected.
+            with suppress(TcaError):
                 sender.set_variable(ROBOT_PICTURE, self._robot.drawing(), wait=False)

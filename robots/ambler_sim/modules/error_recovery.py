@@ -1,10 +1,9 @@
-"""Error recovery: what is done when a leg meets something, from the leg up to the whole walk
-(paper, figure 3).
+"""Error recovery when a leg meets something, from the leg up to the whole walk (paper, figure 3).
 
-Each rung of the ladder is an exception handler where it belongs in the task tree: the leg move is
-retried higher, the step is planned anew, the feet are shuffled into the standard configuration and
-the arc is begun again, and at last the walk is given up. The modules that plan and move need not
-know of this one.
+Each rung of the ladder is an exception handler at its own level of the task tree. First the leg
+move is retried higher. Then the step is planned again. Then the feet are shuffled into the standard
+configuration and the arc is begun again. At last the walk is given up. The modules that plan and
+move do not know this one.
 """
 
 from dataclasses import replace
@@ -28,9 +27,9 @@ from robots.ambler_sim.messages import (
 from robots.ambler_sim.planning.gait import TOLERANCE, after_step
 from robots.ambler_sim.planning.replanning import (
     another_step,
-    centring,
-    felt,
-    raised,
+    centring_move,
+    obstacle_at,
+    raised_move,
     shuffle,
     window_around,
 )
@@ -48,28 +47,26 @@ from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Contact, ElevationMap, St
 from tca_module import Module, Scope, Task, TaskRef, Trouble
 
 REPLANNED_AT_MOST = 3
-"""How often for one step."""
+"""Times that a step is planned again."""
 
 SHUFFLED_AT_MOST = 12
-"""How often in one arc, for steps of which no other one could be found."""
+"""Times in one arc that the feet are shuffled for a step without an alternative."""
 
 FORGOTTEN_AFTER = 3
-"""Shuffles, after which it is believed no more what legs have felt."""
+"""Shuffles after which the obstacles that legs felt are no longer believed."""
 
 DONE_AT_MOST = 5
-"""How often a handler may die of the same task before that fails."""
+"""Times that a handler may die of the same task before the task fails."""
 
 recovery = Module("error recovery")
 recovery.resource("steps", capacity=3)
-"""For what waits until the step before has been walked: meanwhile that may need to be taken
-otherwise, too.
-"""
+"""For handlers that wait for the step before; that step may need to be replaced too."""
 
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    """What nobody else handles ends the walk, with a reason; but where the rungs below are stuck,
-    feet are shuffled.
+    """Give up the walk, with a reason, on a failure without another handler. Shuffle the feet where
+    the lower rungs are stuck.
     """
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
     module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
@@ -77,10 +74,10 @@ def attach(module: Module) -> None:
 
 @recovery.handles(RAISE_LEG)
 def raise_leg(task: Task, contact: Contact) -> None:
-    """Let the leg try again from where it was put down, higher."""
+    """Retry the leg move higher, from where the foot was put down."""
     leg_move = task.trouble.failing
     try:
-        higher = raised(leg_move.data(MOVE_LEG), task.query(STANCE), contact)
+        higher = raised_move(leg_move.data(MOVE_LEG), task.query(STANCE), contact)
     except PathBlocked:
         raise task.trouble.reissue() from None
     leg_move.retry(MOVE_LEG, higher)
@@ -88,35 +85,32 @@ def raise_leg(task: Task, contact: Contact) -> None:
 
 @recovery.handles(REPLAN_MOVE)
 def replan_move(task: Task, contact: Contact) -> None:
-    """A foot met something, or stands badly: put that into the map, and take the step another
-    way.
-    """
+    """Put an obstacle or a bad foothold into the map, and take the step another way."""
     stance = task.query(STANCE)
-    task.inform(FELT, felt(contact))
+    task.inform(FELT, obstacle_at(contact))
     take_another_step(task, stance, contact.leg)
 
 
 @recovery.handles(PLAN_OTHERWISE, resource="steps")
 def plan_otherwise(task: Task) -> None:
-    """A step can't be planned or walked as planned: once the one before it has been walked, take
-    another one.
+    """Replace a step that can't be planned or walked as planned, once the step before it has been
+    walked.
     """
-    step_task = attached(task.trouble)
+    step_task = attachment(task.trouble)
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
         for moved in before.children(ACHIEVED_POSITION):
             if not moved.wait().lets_go_on:
-                task.trouble.resolved()  # its own recovery has begun, and will plan all that follows anew
+                # The earlier step is being recovered; that recovery plans all later steps.
+                task.trouble.resolved()
                 return
     task.command(ACQUIRE_IMAGE, step_task.data(TAKE_STEPS).number).wait()
     take_another_step(task, task.query(STANCE), NO_LEG)
 
 
 def take_another_step(task: Task, stance: Stance, leg: int) -> None:
-    """Forget what was planned of a step, take it another way, and let the rest of the arc be
-    planned anew.
-    """
-    trouble, step_task = task.trouble, attached(task.trouble)
+    """Kill the planned step, take it another way, and have the rest of the arc planned again."""
+    trouble, step_task = task.trouble, attachment(task.trouble)
     if trouble.invocations > REPLANNED_AT_MOST or trouble.failing.ancestors(SHUFFLE_FEET):
         raise STUCK(trouble.text, trouble.text)
     ahead = step_task.data(TAKE_STEPS)
@@ -137,19 +131,19 @@ def take_another_step(task: Task, stance: Stance, leg: int) -> None:
 
 
 def ground(task: Task, stance: Stance) -> ElevationMap:
-    """All ground that legs can reach."""
+    """The map of all ground that legs can reach."""
     return task.query(ELEVATION_MAP, window_around(stance))
 
 
 @recovery.handles(SHUFFLE_FEET)
 def shuffle_feet(task: Task) -> None:
-    """Bring the body to where it stands best, and the feet into the standard configuration around
-    it; begin the rest of the arc from there.
+    """Move the body to where it stands best and the feet into the standard configuration around it.
+    Then begin the rest of the arc from there.
     """
     trouble, stance = task.trouble, task.query(STANCE)
     if trouble.invocations > FORGOTTEN_AFTER:
         task.inform(FORGET_FELT)
-    shift = centring(stance)
+    shift = centring_move(stance)
     there = replace(stance, pose=shift.goal) if shift else stance
     moves = shuffle(ground(task, stance), there, _leg_of(trouble.failing))
     abandon(trouble, "begun again")
@@ -158,16 +152,16 @@ def shuffle_feet(task: Task) -> None:
             task.command(MOVE_BODY, shift)
         for move in moves:
             task.command(MOVE_LEG, move)
-    attached(trouble).retry()
+    attachment(trouble).retry()
 
 
 @recovery.handles(DO_AGAIN)
 def do_again(task: Task) -> None:
-    """A module died: have done again what it had in hand. Moves begin where the robot stands, so
-    they may come twice.
+    """Have the work done again that a module had when it died. Moves begin where the robot stands,
+    so they can safely come twice.
 
-    A planner that had ordered a part of what it planned would order that again: then the rest of
-    the arc begins anew.
+    A planner that had ordered a part of its plan would order that part again. In that case the rest
+    of the arc begins again.
     """
     trouble, failing = task.trouble, task.trouble.failing
     if trouble.attempts > DONE_AT_MOST:
@@ -177,33 +171,35 @@ def do_again(task: Task) -> None:
         failing.retry()
         return
     abandon(trouble, "begun again")
-    attached(trouble).retry()
+    attachment(trouble).retry()
 
 
 @recovery.handles(GIVE_UP)
 def give_up(task: Task) -> None:
-    """Nothing helped: the walk ends, and who ordered it is told why."""
+    """End the walk, because no rung helped. The sender of the walk gets the reason."""
     raise WALK_GIVEN_UP(task.trouble.failure, f"{task.trouble.text} ({task.trouble.failure})")
 
 
 def abandon(trouble: Trouble, why: str) -> None:
-    """Kill all that was to be done under the task that the exception handler is attached to. Other
-    exception handlers on the way there outlive that, and what they have sent: it is killed, too.
+    """Kill all planned tasks below the task that this handler is attached to.
+
+    Other exception handlers on the way there survive that kill, with the tasks that they sent.
+    These tasks are killed, too.
     """
     rungs = REPLAN_MOVE, PLAN_OTHERWISE, SHUFFLE_FEET
     handlers = [task for rung in rungs for task in trouble.failing.ancestors(rung)]
-    for task in (*handlers, attached(trouble)):
+    for task in (*handlers, attachment(trouble)):
         task.kill(why, scope=Scope.DESCENDANTS)
 
 
-def attached(trouble: Trouble) -> TaskRef:
+def attachment(trouble: Trouble) -> TaskRef:
     """The task that this rung of the ladder is attached to."""
     assert trouble.attached is not None
     return trouble.attached
 
 
 def _leg_of(failing: TaskRef) -> int:
-    """The leg that could not move; any, if it was the body."""
+    """The leg that could not move; the first one, if it was the body."""
     moves = [task for task in (failing, *failing.ancestors()) if task.message == MOVE_LEG.name]
     return moves[0].data(MOVE_LEG).leg if moves else LEGS[0]
 

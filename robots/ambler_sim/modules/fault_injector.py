@@ -1,7 +1,6 @@
-"""The fault injector: makes something go wrong now and then, by a schedule or at random from a
-seed.
+"""The fault injector: causes faults now and then, by a schedule or at random from a seed.
 
-It taps the leg moves, and while it holds one it sees to the fault that is due with that footstep.
+It taps the leg moves. While it holds one, it causes the faults that are due with that footstep.
 """
 
 from itertools import count
@@ -14,13 +13,13 @@ from robots.ambler_sim.vocabulary import LEGS, Fault, LegMove, Obstacle
 from tca_module import Command, Condition, Module, Task
 
 RATE = 0.08
-"""Faults a footstep, of all kinds together."""
+"""Faults per footstep, of all kinds together."""
 
 FIRST = 4
-"""The first footstep with a fault at random."""
+"""The first footstep that can have a random fault."""
 
 OPERATOR_SHARE = 0.25
-"""Of the faults of amplifiers and joints: those that only an operator can reset."""
+"""The share of amplifier and joint faults that only an operator can reset."""
 
 PROGRAMS = (
     "scanner",
@@ -34,19 +33,19 @@ PROGRAMS = (
 )
 
 CENTRAL = "central"
-"""The program that only "lost central" loses."""
+"""The program that is lost only by "lost central"."""
 
 MAKE_TROUBLE = Command("make trouble", LegMove)
 
 
-def drawn(kinds: tuple[str, ...], seed: int, number: int) -> tuple[str, ...]:
-    """The kinds of faults that come with a footstep: mostly none."""
+def random_kinds(kinds: tuple[str, ...], seed: int, number: int) -> tuple[str, ...]:
+    """Draw the kinds of faults that come with a footstep: mostly none."""
     random = Random(f"{seed} {number}")  # noqa: S311
     return (random.choice(kinds),) if kinds and number >= FIRST and random.random() < RATE else ()
 
 
 def make_fault(kind: str, seed: int, number: int) -> Fault:
-    """What exactly happens."""
+    """Draw the details of a fault of this kind."""
     random = Random(f"{seed} {number} {kind}")  # noqa: S311
     leg = random.choice(LEGS)
     match kind:
@@ -59,8 +58,8 @@ def make_fault(kind: str, seed: int, number: int) -> Fault:
 
 
 def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: int) -> Module:
-    """Faults of these *kinds* at random, and those of the *schedule*, each with the number of its
-    leg move.
+    """Make the injector: random faults of these *kinds*, and those of the *schedule*, each with the
+    number of its leg move.
     """
     injector = Module("fault injector")
     numbers = count(1)
@@ -73,14 +72,15 @@ def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: i
     def make_trouble(task: Task, move: LegMove) -> None:
         number = next(numbers)
         due = [kind for kind, at in schedule if at == number]
-        for kind in (*due, *drawn(kinds, seed, number)):
-            cause(task, make_fault(kind, seed, number), move, Random(f"{seed} {number} program"))  # noqa: S311
+        for kind in (*due, *random_kinds(kinds, seed, number)):
+            program_choice = Random(f"{seed} {number} program")  # noqa: S311
+            cause(task, make_fault(kind, seed, number), move, program_choice)
 
     return injector
 
 
 def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
-    """Have it happen."""
+    """Make the fault happen."""
     match fault.kind:
         case "lost central":
             task.command(LOSE_PROGRAM, CENTRAL).wait()

@@ -1,12 +1,12 @@
-"""The gait planner: turns an arc into steps, planning one step ahead of the one that is walked
-(paper, figure 2).
+"""The gait planner: turns an arc into steps, planning one step ahead of the walking (paper, figure
+2).
 
-Each "take steps" orders its own moves and then the next "take steps", which is planned while this
-one is walked: so step n+1 is planned while step n is walked, and never n+2. Every second step
-begins with an image of the ground ahead; the next one is planned when that has been taken.
+Each "take steps" orders its own moves and then the next "take steps", which is planned while the
+first is walked. Step n+1 is therefore planned while step n is walked; step n+2 is not. Every second
+step begins with an image of the ground ahead; the next step is planned after that image.
 
-For comparison it also plans without looking ahead (``--mode sequential``), and ahead, but with a
-map that is finished before the legs move (``--mode ahead``).
+Other modes are for comparison. ``--mode sequential`` plans each step after the one before. ``--mode
+ahead`` plans ahead, but finishes the map before the legs move.
 """
 
 from dataclasses import replace
@@ -43,7 +43,7 @@ from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Constraint, Module, Task, this
 
 CLOSE_ENOUGH = 0.15
-"""Metres between where the body is and where it should be after a step."""
+"""Metres allowed between the body's pose after a step and the planned one."""
 
 STEPS_PER_IMAGE = 2
 
@@ -51,8 +51,8 @@ planner = Module("gait planner")
 
 
 class GaitMemory:
-    """The mode, the number of the next footstep, and the last stances that were measured, by
-    footstep: feet creep a little, so these are better than what was foreseen.
+    """The mode, the number of the next footstep, and the last measured stances by footstep. Feet
+    creep a little, so measured stances are better than foreseen ones.
     """
 
     def __init__(self) -> None:
@@ -60,13 +60,13 @@ class GaitMemory:
         self.number = 0
         self._measured: dict[int, Stance] = {}
 
-    def note(self, number: int, stance: Stance) -> None:
-        """Measured after the footstep with this number."""
+    def record(self, number: int, stance: Stance) -> None:
+        """Store the stance measured after the footstep with this number."""
         self._measured = {number - 1: self._measured.get(number - 1, stance), number: stance}
 
     def corrected(self, ahead: Ahead) -> Stance:
-        """The foreseen stance with the feet that were measured before the footstep that is walked
-        now; not the foot that this one moves.
+        """The foreseen stance, with the feet as measured before the footstep now walked. The foot
+        that this footstep moves stays as foreseen.
         """
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:
@@ -79,7 +79,7 @@ memory = GaitMemory()
 
 @planner.handles(TRAVERSE_ARC)
 def traverse_arc(task: Task, course: Arc) -> None:
-    """Walk what remains of a piece of the course from where the robot is now."""
+    """Walk the rest of a piece of the course from the robot's present place."""
     stance = task.query(STANCE)
     if is_finished(course, stance.pose):
         return
@@ -93,7 +93,7 @@ def traverse_arc(task: Task, course: Arc) -> None:
 
 @planner.handles(TAKE_STEPS)
 def take_steps(task: Task, ahead: Ahead) -> None:
-    """Plan one step and order it; leave the rest of the arc to the next "take steps"."""
+    """Plan one step and order it. The rest of the arc goes to the next "take steps"."""
     number = memory.number = ahead.number
     step = next_step(memory.corrected(ahead), ahead.arc)
     placing = Placing(step, task.query(PLAN_FOOTFALL, step))
@@ -102,7 +102,7 @@ def take_steps(task: Task, ahead: Ahead) -> None:
     with task.sequence():
         started: list[Constraint] = [task.achieving.start <= this.planning.start]
         if number % STEPS_PER_IMAGE:
-            started = look(task, number)
+            started = order_image(task, number)
         task.command(MOVE_LEG, leg_move)
         task.command(MOVE_BODY, body_move)
         achieved = task.monitor(ACHIEVED_POSITION, StepEnd(number, body_move.goal))
@@ -115,8 +115,10 @@ def take_steps(task: Task, ahead: Ahead) -> None:
             memory.number = number + 1
 
 
-def look(task: Task, number: int) -> list[Constraint]:
-    """Order an image before the legs move; the next step is planned after it."""
+def order_image(task: Task, number: int) -> list[Constraint]:
+    """Order an image before the legs move. Returns the constraint that the next step is planned
+    after it.
+    """
     image = task.command(ACQUIRE_IMAGE, number)
     if memory.mode is not Mode.CONCURRENT:
         image = task.command(UPDATE_MAP)
@@ -125,9 +127,9 @@ def look(task: Task, number: int) -> list[Constraint]:
 
 @planner.handles(POSITION_REACHED, resource="position check")
 def position_reached(task: Task, reached: StepEnd) -> Pose:
-    """Whether the body is where the step should have brought it: where it is, or a failure."""
+    """Check that the step has brought the body to its goal. Returns its pose."""
     stance, goal = task.query(STANCE), reached.goal
-    memory.note(reached.number, stance)
+    memory.record(reached.number, stance)
     missing = distance(stance.pose, goal)
     if missing > CLOSE_ENOUGH:
         raise NOT_THERE(

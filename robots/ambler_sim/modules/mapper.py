@@ -1,5 +1,5 @@
-"""The local terrain mapper: builds the map of the images when somebody asks for it, with what legs
-have felt in it.
+"""The local terrain mapper: builds the map from images when it is queried, and adds the obstacles
+that legs felt.
 """
 
 from collections import deque
@@ -16,13 +16,13 @@ from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
 from tca_module import Module, Task
 
 MOST_REMEMBERED = 30
-"""Obstacles: older ones are behind."""
+"""The number of obstacles remembered; older ones lie behind the robot."""
 
 mapper = Module("mapper")
 
 
 class GroundMemory:
-    """The map so far, the number of its last image, and what was felt."""
+    """The map so far, the number of its last image, and the obstacles that legs felt."""
 
     def __init__(self) -> None:
         self.ground: ElevationMap | None = None
@@ -35,7 +35,7 @@ memory = GroundMemory()
 
 @mapper.handles(UPDATE_MAP)
 def update_map(task: Task) -> None:
-    """Build in the images that are not yet in the map."""
+    """Add the new images to the map."""
     for image in task.query(IMAGES, memory.number):
         memory.ground = build_elevation_map(points_of(image.scan), image.scan.stance, memory.ground)
         memory.number = image.number
@@ -43,7 +43,7 @@ def update_map(task: Task) -> None:
 
 @mapper.handles(ELEVATION_MAP)
 def elevation_map(task: Task, window: Window) -> ElevationMap:
-    """The ground in a window; NaN where nothing is known."""
+    """The ground in a window, NaN where it is unknown."""
     update_map(task)
     if memory.ground is None:
         return unknown_map(window)
@@ -51,14 +51,14 @@ def elevation_map(task: Task, window: Window) -> ElevationMap:
 
 
 @mapper.handles(FELT)
-def felt(_: Task, obstacle: Obstacle) -> None:
-    """A leg has met something that the scanner does not see."""
+def add_obstacle(_: Task, obstacle: Obstacle) -> None:
+    """Remember an obstacle that a leg met and the scanner does not see."""
     memory.obstacles.append(obstacle)
 
 
 @mapper.handles(FORGET_FELT)
-def forget_felt(_: Task) -> None:
-    """What was felt leaves no way: some of it is not where it was thought to be."""
+def forget_obstacles(_: Task) -> None:
+    """Forget the felt obstacles: they leave no way, so some of their places must be wrong."""
     memory.obstacles.clear()
 
 

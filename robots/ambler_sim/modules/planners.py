@@ -1,4 +1,4 @@
-"""The planners that are asked, each a program of its own: the footfall, the leg recovery and the
+"""The planners that answer queries, each a separate program: the footfall, the leg recovery and the
 body planner.
 """
 
@@ -32,7 +32,7 @@ PLANNERS = {
 
 @footfall_planner.handles(PLAN_FOOTFALL)
 def plan_footfall(task: Task, step: Step) -> Foot:
-    """Where the step's leg is put down: near the ideal foothold."""
+    """Choose the foothold of the step's leg, near the ideal one."""
     ground = task.query(ELEVATION_MAP, window_of(step))
     try:
         return choose_foothold(ground, step)
@@ -42,7 +42,7 @@ def plan_footfall(task: Task, step: Step) -> Foot:
 
 @leg_recovery_planner.handles(PLAN_LEG_RECOVERY)
 def plan_leg_recovery(task: Task, placing: Placing) -> LegMove:
-    """The leg's way to its next foothold, high enough over the ground."""
+    """Plan the leg's way to its next foothold, high enough over the ground."""
     ground = task.query(ELEVATION_MAP, leg_recovery.window_of(placing.step))
     try:
         return leg_recovery.plan_leg_move(ground, placing.step, placing.foothold)
@@ -52,7 +52,7 @@ def plan_leg_recovery(task: Task, placing: Placing) -> LegMove:
 
 @body_planner.handles(PLAN_BODY_MOVE)
 def plan_body(_: Task, placing: Placing) -> BodyMove:
-    """Where the body goes once the leg stands."""
+    """Plan the body's move for the time when the leg stands."""
     try:
         return plan_body_move(placing.step, placing.foothold)
     except AmblerError as error:
@@ -60,7 +60,7 @@ def plan_body(_: Task, placing: Placing) -> BodyMove:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the planner that the command line names."""
     parser = argparse.ArgumentParser(
         prog="python -m robots.ambler_sim.modules.planners", description=__doc__
     )

@@ -1,7 +1,7 @@
 """The laser scanner and its image queue: takes range images while the machine holds still, and
 keeps the last ones.
 
-It locks the controller for as long as it takes an image, so that nothing blurs it (paper, "Resource
+It locks the controller while it takes an image, so that no move blurs it (paper, "Resource
 Management").
 """
 
@@ -15,13 +15,13 @@ from robots.ambler_sim.vocabulary import Image, Scan
 from tca_module import Module, Task
 
 KEPT = 6
-"""Images: a mapper that was killed builds its map of these."""
+"""The number of images kept; a restarted mapper builds its map from these."""
 
 LEAST_POINTS = 600
-"""Of a good image; there are 6144 rays."""
+"""The least number of points in a good image; there are 6144 rays."""
 
 FARTHEST_BELOW = 8.0
-"""Metres that seen ground may lie below the body."""
+"""How far (m) visible ground may lie below the body."""
 
 scanner = Module("scanner")
 
@@ -44,15 +44,15 @@ def acquire_image(task: Task, number: int) -> None:
 
 @scanner.handles(IMAGES, resource="image queue")
 def images(_: Task, after: int) -> tuple[Image, ...]:
-    """Those that came after the one with this number."""
+    """The images after the one with this number."""
     return tuple(image for image in tuple(memory) if image.number > after)
 
 
 def fault_of(scan: Scan) -> str:
-    """The fault of an image that can't be one of the ground; "" if there is none."""
+    """Describe why an image can't show ground; "" if it can."""
     points = points_of(scan)
     if len(points) < LEAST_POINTS:
-        return f"has {len(points)} points only"
+        return f"has only {len(points)} points"
     below = scan.stance.pose.height - points[:, 2]
     astray = float(np.mean((below < 0.0) | (below > FARTHEST_BELOW)))
     return f"has {astray:.0%} of its points where no ground can be" if astray > 0.05 else ""

@@ -1,6 +1,4 @@
-"""The task manager: takes a path apart into arcs of a course, and tells a person how the walk
-goes.
-"""
+"""The task manager: splits a path into arcs of a course, and reports the progress of the walk."""
 
 from collections.abc import Callable, Iterator
 
@@ -19,18 +17,18 @@ from robots.ambler_sim.vocabulary import ORIGIN, Arc, Pose
 from tca_module import Module, SentTask, Task, Timeout
 
 BETWEEN_REPORTS = 1.0
-"""Seconds between two reports of progress, at least."""
+"""The least number of seconds between two reports of progress."""
 
 
 class Odometer:
-    """The length of the way between the poses it was shown, from the origin on."""
+    """Adds up the distances between successive poses, from the origin."""
 
     def __init__(self) -> None:
         self.metres = 0.0
         self._last = ORIGIN
 
     def add(self, pose: Pose) -> float:
-        """The robot is here now; the metres so far."""
+        """Add the way to *pose*. Returns the metres so far."""
         self.metres += distance(self._last, pose)
         self._last = pose
         return self.metres
@@ -41,8 +39,8 @@ def make_module(
     confirm: Callable[[int], None],
     lose: Callable[[Task, str], None] | None = None,
 ) -> Module:
-    """The module. *on_walked* is told the metres walked so far; *confirm* is asked before an arc
-    (1, 2, ...); *lose* kills a program and starts it again.
+    """Make the module. It calls *on_walked* with the metres so far, *confirm* before an arc (1, 2,
+    ...), and *lose* to kill and restart a program.
     """
     manager = Module("task manager")
     odometer = Odometer()
@@ -55,7 +53,7 @@ def make_module(
                 if number and path.ask:
                     task.command(CONFIRM_ARC, number)
                 arcs.append(task.goal(TRAVERSE_ARC, arc, delay_planning=True))
-        tell_progress(task, path, arcs, odometer)
+        report_progress(task, path, arcs, odometer)
 
     @manager.handles(CONFIRM_ARC, resource="operator")
     def confirm_arc(_: Task, number: int) -> None:
@@ -73,22 +71,21 @@ def make_module(
     return manager
 
 
-def tell_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
-    """Report how far the robot has come, until it is there: a goal's handler can't when it has
-    returned.
+def report_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
+    """Report how far the robot has come, until it arrives. A goal's handler can report only while
+    it runs.
     """
-    length, told = sum(bend.length for bend in path.bends), 0.0
+    length, reported = sum(bend.length for bend in path.bends), 0.0
     for arc in arcs:
         while not is_over(arc):
-            if odometer.metres != told:
-                told = odometer.metres
-                task.report(
-                    WayWalked(f"{told:.1f} of {length:.1f} m", round(min(told / length, 1.0), 3))
-                )
+            if odometer.metres != reported:
+                reported = odometer.metres
+                share = round(min(reported / length, 1.0), 3)
+                task.report(WayWalked(f"{reported:.1f} of {length:.1f} m", share))
 
 
 def is_over(arc: SentTask[None]) -> bool:
-    """Wait a moment for the end of an arc."""
+    """Wait a moment for the end of an arc. Returns whether it has ended."""
     try:
         return arc.next_change(timeout=BETWEEN_REPORTS) is None
     except Timeout:
@@ -96,7 +93,7 @@ def is_over(arc: SentTask[None]) -> bool:
 
 
 def course_of(path: Path) -> Iterator[Arc]:
-    """The path's pieces, each from where the one before should end."""
+    """The path's pieces, each from the planned end of the one before."""
     start = ORIGIN
     for bend in path.bends:
         arc = Arc(start, bend.curvature, bend.length)

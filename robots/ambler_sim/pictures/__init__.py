@@ -1,1 +1,1 @@
-"""What the robot and its way look like."""
+"""Pictures of the robot and its way."""

@@ -1,5 +1,5 @@
-"""A drawing of the robot from the side and from above, as SVG text. For where there is no physics
-engine to render.
+"""A drawing of the robot from the side and from above, as SVG text, for systems without a physics
+engine.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.stability import support_polygon, world_centre_of_gravity
 from robots.ambler_sim.vocabulary import Foot, Pose, Stance
 from robots.drawing import View
-from robots.plane import placed, seen_from
+from robots.plane import seen_from, world_place
 from tca_tools.drawing.svg import document
 
 WIDTH, HEIGHT = 960, 430
@@ -27,11 +27,11 @@ SCALE = 52.0
 BEHIND, AHEAD = 4.2, 4.2
 SIDE_FLOOR, TOP_MIDDLE = 60.0, 215.0
 HALF = (BEHIND + AHEAD) * SCALE
-"""Pixels of each of the two views."""
+"""The width in pixels of each of the two views."""
 
 SIDE = View(20.0 + BEHIND * SCALE, HEIGHT - SIDE_FLOOR, SCALE)
 ABOVE = View(WIDTH - HALF - 20.0 + BEHIND * SCALE, TOP_MIDDLE, SCALE)
-"""Positions are relative to the body: how far ahead, and up or left."""
+"""Positions are relative to the body: how far ahead, and how far up or left."""
 
 STRATUM = 0.1
 CELL = 0.125
@@ -39,12 +39,13 @@ SOIL, LOW_SOIL, HIGH_SOIL = "#dcc29e", (196, 164, 122), (242, 230, 208)
 LEFT_COLOUR, RIGHT_COLOUR = "#2a5ca8", "#d9701a"
 STYLE = (
     "text{font:13px sans-serif;fill:#444}.ink{stroke:#33363d;fill:none;stroke-linecap:round}"
-    ".box{fill:#ede6d2;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}.rock{fill:#8c8781;stroke:#5d5954}.print{fill:#8d7656;opacity:.45}"
+    ".box{fill:#ede6d2;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}"
+    ".rock{fill:#8c8781;stroke:#5d5954}.print{fill:#8d7656;opacity:.45}"
 )
 
 
 def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
-    """The picture; both views look along the robot's own axes, which way it may head."""
+    """Draw the robot. Both views are along the robot's own axes, whatever its heading."""
     body: list[str] = []
     for name, view, title, parts in (
         (
@@ -72,7 +73,7 @@ def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
 
 
 def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
-    """Seen from the right: ground, far (left) legs first, then body, then near legs."""
+    """The view from the right: ground, far (left) legs, body, near legs."""
     pose = stance.pose
     floor = pose.height - BODY_HEIGHT
     ahead = np.arange(-BEHIND, AHEAD + 0.2, 0.2)
@@ -97,7 +98,7 @@ def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
 
 
 def _body_from_the_side(low: float) -> Iterable[str]:
-    """Shaft, deck, equipment box, scanner on its mast; *low* is the height of the lowest
+    """Shaft, deck, equipment box, and scanner on its mast. *low* is the height of the lowest
     shoulder.
     """
     yield SIDE.box("dark", (-0.17, low - 0.4), 0.34, 1.7)
@@ -136,15 +137,15 @@ def _from_above(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> Iter
 
 
 def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
-    """Strips of equal stratum, lighter where the ground is higher, row by row across the robot's
-    way.
+    """Strips of ground of one stratum each, row by row across the robot's way; higher ground is
+    lighter.
     """
     rows, columns = (
         np.arange(-BEHIND, AHEAD, CELL),
         np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL),
     )
     ahead, left = np.meshgrid(rows + CELL / 2, columns + CELL / 2, indexing="ij")
-    heights = terrain.heights_at(*placed(pose.x, pose.y, pose.heading, ahead, left))
+    heights = terrain.heights_at(*world_place(pose.x, pose.y, pose.heading, ahead, left))
     strata = np.floor((heights - heights.min()) / STRATUM).astype(int)
     strips: dict[str, list[str]] = {}
     for row, levels in zip(rows, strata, strict=True):
@@ -165,7 +166,7 @@ def _soil_colour(share: float) -> str:
 
 
 def _strip(ahead: float, left: float, breadth: float) -> str:
-    """A rectangle a little too large, so that no seam is seen: a piece of a path."""
+    """A rectangle as a piece of a path, a little too large so that no seam shows."""
     x, y = ABOVE.at(ahead, left + breadth)
     width, height = CELL * SCALE + 0.6, breadth * SCALE + 0.6
     return f"M{x:.1f} {y:.1f}h{width:.1f}v{height:.1f}h{-width:.1f}z"

@@ -1,6 +1,4 @@
-"""An animated picture of a walk: photographs taken while the robot moves, put together by
-Pillow.
-"""
+"""An animated picture of a walk: Pillow joins photographs taken while the robot moves."""
 
 import importlib.util
 from pathlib import Path
@@ -13,23 +11,23 @@ EVERY = 0.25
 
 FRAMES_PER_SECOND = 25
 QUALITY = 45
-"""Of WebP, 0 to 100."""
+"""The quality of WebP files, 0 to 100."""
 
 FRAMES = "frames"
-"""The folder of photographs, within the walk's."""
+"""The folder of photographs, within the walk's folder."""
 
 ENDINGS = (".gif", ".png", ".webp")
 
 
 class FilmCamera:
-    """Photographs a robot while it moves, from its footstep number *first* on, into a folder."""
+    """Photographs a robot while it moves, from its footstep *first* on, into a folder."""
 
     def __init__(self, robot: Robot, folder: Path, first: int) -> None:
         self._robot, self._folder, self._first = robot, folder, first
         self._due = 0.0
 
     def tick(self) -> None:
-        """A move goes on."""
+        """Take a photograph at a tick of a move, if one is due."""
         now = self._robot.time
         if self._robot.footsteps >= self._first and now >= self._due:
             self._due = now + EVERY
@@ -38,7 +36,7 @@ class FilmCamera:
 
 
 def why_no_film(file: Path) -> str:
-    """What is missing here for a film to be put together; empty: nothing."""
+    """Why no film can be made; empty if it can."""
     if file.suffix not in ENDINGS:
         return f"{file} should end in one of {', '.join(ENDINGS)}"
     if importlib.util.find_spec("PIL") is None:
@@ -47,7 +45,9 @@ def why_no_film(file: Path) -> str:
 
 
 def join_frames(folder: Path, file: Path) -> int:
-    """Put a folder's photographs together; how many there were. Without any nothing is written."""
+    """Join a folder's photographs to a film. Returns their number; without photographs it writes no
+    film.
+    """
     import PIL.Image  # noqa: PLC0415 - it may not be installed
 
     frames: list[PIL.Image.Image] = []

@@ -1,5 +1,5 @@
-"""From a raw rendering to a picture worth showing: where the camera stands, sky, shadows, contour
-lines, footprints.
+"""Photographs from raw renderings: the place of the camera, sky, shadows, contour lines and
+footprints.
 """
 
 import math
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import Foot, Pose
 SUN = (3.0, -5.0, 9.0)
 SUN_DISTANCE = 60.0
 SHADOW_SIZE = 900
-"""Pixels on each side of the rendering that shadows are taken from, for a picture of full size."""
+"""Pixels on each side of the rendering that gives the shadows of a full-size picture."""
 
 SOIL = np.array([206.0, 164.0, 126.0])
 AMBIENT, DIFFUSE = 0.45, 0.62
@@ -26,8 +26,8 @@ SMOOTH = 0.3
 
 
 def camera_for(pose: Pose) -> rendering.Camera:
-    """Ahead of the robot, to its right, a little above: six legs, both stacks and the tracks behind
-    are seen.
+    """A camera ahead of the robot, to its right and a little above. It shows six legs, both stacks
+    and the tracks behind.
     """
     x, y = offset(pose, 10.8, -8.0)
     target_x, target_y = offset(pose, -0.8, 0.1)
@@ -37,7 +37,7 @@ def camera_for(pose: Pose) -> rendering.Camera:
 
 
 def sun_over(pose: Pose) -> rendering.Camera:
-    """From the sun: what the robot hides from there lies in its shadow."""
+    """A camera at the sun: what the robot hides from it lies in shadow."""
     return rendering.camera_in_the_sun(
         SUN, SUN_DISTANCE, (pose.x, pose.y, pose.height), angle=11.0, depth=15.0
     )
@@ -49,8 +49,9 @@ def develop(
     terrain: Terrain,
     trail: Sequence[Foot],
 ) -> rendering.Pixels:
-    """The finished picture, (height, width, 3). The renderer colours height fields badly, so ground
-    is painted here.
+    """Make the finished picture, (height, width, 3).
+
+    The ground is painted here, because the renderer colours height fields badly.
     """
     image = frame.colours.astype(np.float64)
     places = rendering.ground_places(frame)
@@ -67,11 +68,11 @@ def develop(
     image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[
         sky
     ]
-    return rendering.halved(image)
+    return rendering.halve(image)
 
 
 def _sunlight(places: Array, terrain: Terrain) -> Array:
-    """Brightness of the ground by how squarely the sun meets it."""
+    """Brightness of the ground, by its angle to the sun."""
     x, y = places[:, 0], places[:, 1]
     dx = (terrain.heights_at(x + SMOOTH, y) - terrain.heights_at(x - SMOOTH, y)) / (2 * SMOOTH)
     dy = (terrain.heights_at(x, y + SMOOTH) - terrain.heights_at(x, y - SMOOTH)) / (2 * SMOOTH)

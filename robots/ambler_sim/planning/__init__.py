@@ -1,1 +1,1 @@
-"""From what the robot believes to where feet and body go. Pure: no messages, no simulator."""
+"""Plans of foot and body moves, from the robot's beliefs. Pure: no messages, no simulator."""

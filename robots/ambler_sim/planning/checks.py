@@ -1,4 +1,4 @@
-"""Checks before and after a move: from a stance, a planned move and sensors to a verdict."""
+"""Checks before and after a move: a verdict from a stance, a planned move and sensors."""
 
 from dataclasses import astuple, dataclass, replace
 
@@ -8,20 +8,23 @@ from robots.ambler_sim.planning.stability import conservative_margin, energy_mar
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
 LEAST_SUPPORT = 0.35
-"""Metres. With less, two springy feet bear nearly all, and the body tilts by more than a degree."""
+"""Metres. With less, two springy feet bear nearly all the load, and the body tilts by more than a
+degree.
+"""
 
 LEAST_CONSERVATIVE = -0.2
-"""Metres: below 0 the failure of one more leg could tip the robot. On slopes of 30 % the gait
-itself comes to -0.15.
+"""Metres: below 0 the failure of one more leg could tip the robot.
+
+On slopes of 30 % the gait itself reaches -0.15.
 """
 
 LEAST_ENERGY = 0.018
-"""Metres: a little less than LEAST_SUPPORT means on level ground; downhill the robot tips more
+"""Metres: a little less than LEAST_SUPPORT gives on level ground. Downhill the robot tips more
 easily.
 """
 
 LEAST_LOAD = 500.0
-"""Newtons that a foot bears which stands."""
+"""The least load (N) on a foot that stands."""
 
 FARTHEST_ASIDE = 0.25
 FARTHEST_OFF_LEVEL = 0.35
@@ -29,9 +32,11 @@ FARTHEST_OFF_LEVEL = 0.35
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far the robot stays from tipping over: its centre of gravity from the nearest support
-    edge (m), the same when the worst further leg fails, and how far it would have to rise to tip
-    (m).
+    """How far the robot stays from tipping over.
+
+    *support* (m) is the distance of its centre of gravity from the nearest support edge.
+    *conservative* (m) is the same after the worst further leg has failed. *energy* (m) is how far
+    the centre would have to rise to tip.
     """
 
     support: float
@@ -39,12 +44,17 @@ class Margins:
     energy: float
 
     def __str__(self) -> str:
-        return f"{self.support:.2f} m to the edge, {self.conservative:.2f} m without one more leg, {self.energy:.3f} m up"
+        return (
+            f"{self.support:.2f} m to the edge, {self.conservative:.2f} m without one more leg,"
+            f" {self.energy:.3f} m up"
+        )
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
-    """The least while the leg is in the air: at either end of its way, for a leg weighs a tenth of
-    the robot. That without one more leg is for when it stands on its foothold.
+    """The least margins while the leg is in the air.
+
+    They occur at either end of its way, because a leg weighs a tenth of the robot. The margin
+    without one more leg holds from when the leg stands on its foothold.
     """
     after = with_foot(stance, move.foothold)
     both = stance, after
@@ -56,9 +66,11 @@ def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet
-    are convex. Of a move that leads to where the robot stands better, those of its end: it stands
-    already where the move begins.
+    """The least margins at either end of the move; between the ends they are no smaller, as support
+    polygons are convex.
+
+    If the move leads to a better stance, its margins are those of its end. The robot already stands
+    at its start.
     """
     before, after = _margins(stance), _margins(replace(stance, pose=move.goal))
     least = Margins(*map(min, astuple(before), astuple(after)))
@@ -79,14 +91,15 @@ def is_stable(margins: Margins) -> bool:
 
 
 def fault_of_footfall(move: LegMove, stance: Stance, readings: Readings) -> str:
-    """The fault in how the foot stands after a leg move; "" if there is none."""
+    """Describe the fault of the foot after a leg move; "" if it stands well."""
     foot, load = stance.feet[move.leg], readings.loads[move.leg]
     aside = distance(foot, move.foothold)
     off_level = foot.z - move.foothold.z
     if not load >= LEAST_LOAD:  # broken sensors say NaN
-        return f"leg {move.leg} bears {load / 1000:.1f} kN only"
+        return f"leg {move.leg} bears only {load / 1000:.1f} kN"
     if aside > FARTHEST_ASIDE:
         return f"leg {move.leg} stands {aside:.2f} m beside its foothold"
     if abs(off_level) > FARTHEST_OFF_LEVEL:
-        return f"leg {move.leg} stands {abs(off_level):.2f} m {'above' if off_level > 0 else 'below'} its foothold"
+        side = "above" if off_level > 0 else "below"
+        return f"leg {move.leg} stands {abs(off_level):.2f} m {side} its foothold"
     return ""

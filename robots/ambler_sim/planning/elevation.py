@@ -1,4 +1,6 @@
-"""Elevation maps: what the robot believes about the ground, read, and made of range images."""
+"""Elevation maps: the robot's belief about the ground. Here they are built from range images and
+read.
+"""
 
 import math
 from collections.abc import Iterable
@@ -57,14 +59,14 @@ def height_at(ground: ElevationMap, x: float, y: float) -> float:
 
 
 def unknown_map(window: Window) -> ElevationMap:
-    """A map of which nothing is known."""
+    """A map without any known cell."""
     return cut(
         make_map(window.x, window.y, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool)), window
     )
 
 
 def cut(ground: ElevationMap, window: Window) -> ElevationMap:
-    """The part of a map in a window; cells beyond its border are NaN."""
+    """The part of a map in a window; cells outside the map are NaN."""
     side = 2 * math.ceil(window.reach / ground.resolution) + 1
     row = round((window.x - window.reach - ground.x) / ground.resolution)
     column = round((window.y - window.reach - ground.y) / ground.resolution)
@@ -81,8 +83,8 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
-    """The map with what was felt: walls are infinitely high; of places where no foot should stand
-    nothing is known.
+    """The map with the felt obstacles. Walls are infinitely high; cells where no foot should stand
+    are NaN.
     """
     heights = heights_of(ground).copy()
     rows, columns = np.indices(heights.shape)
@@ -99,7 +101,7 @@ def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> Eleva
 
 
 def pack_scan(stance: Stance, points: Array) -> Scan:
-    """A scan as a message."""
+    """Pack a scan as a message."""
     return Scan(stance, points.astype("<f4").tobytes())
 
 
@@ -111,19 +113,17 @@ def points_of(scan: Scan) -> Array:
 def build_elevation_map(
     points: Array, stance: Stance, previous: ElevationMap | None = None
 ) -> ElevationMap:
-    """The ground around the robot: mean height of the *points* in each cell.
+    """Map the ground around the robot: the mean height of the *points* in each cell.
 
-    The feet count as points too: they are where the robot knows the ground best. Cells that were
-        not seen are taken
-    from the *previous* map, then filled in from neighbours up to FILL_REACH away; farther cells
-    stay NaN.
+    The feet count as points, too: the robot knows the ground best there. Cells without points are
+    taken from the *previous* map. The rest are filled in from neighbours up to FILL_REACH away;
+    farther cells stay NaN.
     """
     x, y = _corner(stance)
     heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
     if previous is not None:
-        older = cut(
-            previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2)
-        )  # by one row and column larger
+        # The cut part has one more row and column.
+        older = cut(previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2))
         measured = np.where(known_cells(older), heights_of(older), np.nan)[:-1, :-1]
         heights = np.where(np.isfinite(heights), heights, measured)
     known = np.isfinite(heights)
@@ -131,8 +131,8 @@ def build_elevation_map(
 
 
 def _corner(stance: Stance) -> tuple[float, float]:
-    """The first cell of a map that reaches ahead; on multiples of the resolution, so that maps can
-    be laid together.
+    """The first cell of a map that reaches ahead. It is a multiple of the resolution, so that the
+    cells of all maps coincide.
     """
     centre_x, centre_y = offset(stance.pose, AHEAD, 0.0)
     return _on_lattice(centre_x - SIZE / 2), _on_lattice(centre_y - SIZE / 2)
@@ -143,7 +143,7 @@ def _on_lattice(value: float) -> float:
 
 
 def _cell_means(points: Array, x: float, y: float) -> Array:
-    """The mean height of the points in each cell; NaN in cells without."""
+    """The mean height of the points in each cell; NaN without points."""
     side = round(SIZE / RESOLUTION)
     cells = np.rint((points[:, :2] - (x, y)) / RESOLUTION).astype(np.intp)
     inside = ((cells >= 0) & (cells < side)).all(axis=1)
@@ -155,8 +155,8 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
 
 
 def _filled(heights: Array) -> Array:
-    """Unknown cells grow inwards from the known ones, each the mean of its neighbours, then are
-    smoothed.
+    """Fill unknown cells from the known ones inwards, each with the mean of its neighbours, then
+    smooth them.
     """
     unknown = ~np.isfinite(heights)
     cells = heights.copy()
@@ -171,7 +171,7 @@ def _filled(heights: Array) -> Array:
 
 
 def _neighbour_means(cells: Array, valid: Mask) -> Array:
-    """The mean over each cell's valid 3x3 neighbourhood; NaN where there is none."""
+    """The mean over each cell's valid 3x3 neighbourhood; NaN without a valid cell."""
     total = _box_sum(np.where(valid, cells, 0.0))
     count = _box_sum(valid.astype(np.float64))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

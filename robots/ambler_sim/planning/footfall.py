@@ -1,7 +1,7 @@
-"""Where exactly to put a foot: the best cell near the ideal foothold.
+"""The choice of a foothold: the best cell near the ideal one.
 
-Cost of a cell = slope + roughness + curvature of a plane patch around it + distance from the ideal
-+ not measured.
+The cost of a cell is the sum of several costs. They are slope, roughness and curvature of a patch
+around it, its distance from the ideal, and a penalty for a cell that was not measured.
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,7 @@ ROUGHEST = 0.08
 LEG_SPACING = 0.35
 ANGLE_SPACING = 0.12
 RESERVE = 0.05
-"""Metres of reach and drop to spare, because feet land and bodies stop a little beside where they
-should.
-"""
+"""Reach and drop (m) to spare, because feet and bodies stop a little beside their goals."""
 
 SLOPE_COST = 1.0
 ROUGHNESS_COST = 15.0
@@ -42,14 +40,14 @@ UNKNOWN_COST = 0.2
 
 
 def window_of(step: Step) -> Window:
-    """The ground that must be known to choose a step's foothold."""
+    """The ground needed to choose a step's foothold."""
     return Window(step.ideal.x, step.ideal.y, SEARCH_RADIUS + PATCH * 0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Cells near the ideal foothold, one row each: place (x, y, z) and what the patch around it is
-    like.
+    """Cells near the ideal foothold, one row each: their places (x, y, z), and the shape of the
+    patch around each.
     """
 
     places: Array
@@ -60,9 +58,10 @@ class Candidates:
 
 
 def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RADIUS) -> Foot:
-    """The cheapest cell that is fit to stand on and within reach as long as the foot stands there.
+    """Choose the cheapest cell that is fit to stand on and stays within reach until the foot is
+    lifted again.
 
-    Raises NoFootfall, saying how many cells failed for which reason.
+    Raises NoFootfall with the number of cells that failed for each reason.
     """
     cells = candidates(ground, step.ideal, radius)
     sound = _is_sound(cells)
@@ -77,7 +76,7 @@ def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RAD
 
 
 def costs(cells: Candidates, ideal: Foot) -> Array:
-    """How bad each cell is; a metre from the ideal weighs as much as 30 % slope."""
+    """The cost of each cell. A metre from the ideal costs as much as 30 % slope."""
     distance = np.hypot(cells.places[:, 0] - ideal.x, cells.places[:, 1] - ideal.y)
     ground: Array = (
         SLOPE_COST * cells.slope
@@ -88,9 +87,7 @@ def costs(cells: Candidates, ideal: Foot) -> Array:
 
 
 def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS) -> Candidates:
-    """Every cell within *radius* of the ideal foothold that has a known or filled-in patch around
-    it.
-    """
+    """Every cell within *radius* of the ideal foothold whose patch is known or filled in."""
     margin = PATCH // 2
     known = known_cells(ground)[margin:-margin, margin:-margin]
     patches = sliding_window_view(heights_of(ground), (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
@@ -102,9 +99,9 @@ def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS)
 
 
 def _fitted(patches: Array, x: Array, y: Array, known: Mask, resolution: float) -> Candidates:
-    """Least-squares quadric through each patch: its tilt, its bend, and what neither explains.
+    """Fit a quadric to each patch by least squares: its tilt, its curvature and its residual.
 
-    One fit serves all patches, because they all have the same x and y.
+    One fit serves all patches, because all have the same x and y.
     """
     u, v = resolution * (np.indices((PATCH, PATCH)).reshape(2, -1) - PATCH // 2)
     shape = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
@@ -125,7 +122,7 @@ def _is_sound(cells: Candidates) -> Mask:
 
 
 def _is_reachable(places: Array, step: Step) -> Mask:
-    """In reach from when the foot is placed until it is lifted again."""
+    """Mask the cells in reach from when the foot is placed until it is lifted again."""
     legs = [step.leg] * len(places)
     reachable = np.ones(len(places), dtype=bool)
     for pose in step.support:
@@ -134,7 +131,7 @@ def _is_reachable(places: Array, step: Step) -> Mask:
 
 
 def _is_free(places: Array, step: Step) -> Mask:
-    """Not too near to another foot, and in front of the other legs of the stack: their order must
+    """Mask the cells away from other feet and in front of the stack's other legs, whose order must
     not change.
     """
     others = [foot for foot in step.before.feet if foot.leg != step.leg]
@@ -152,5 +149,8 @@ def _is_free(places: Array, step: Step) -> Mask:
 
 def _reasons(step: Step, sound: Mask, reachable: Mask, free: Mask) -> str:
     where = f"near x {step.ideal.x:.2f}, y {step.ideal.y:.2f}"
-    counts = f"unsound {(~sound).sum()}, out of reach {(~reachable).sum()}, in the way of other legs {(~free).sum()}"
+    counts = (
+        f"{(~sound).sum()} unsound, {(~reachable).sum()} out of reach,"
+        f" {(~free).sum()} in the way of other legs"
+    )
     return f"no foothold for leg {step.leg} {where}: of {len(sound)} cells {counts}"

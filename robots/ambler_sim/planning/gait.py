@@ -1,8 +1,9 @@
-"""The circulating gait: which leg steps next, about where, and how far the body follows.
+"""The circulating gait: which leg steps next, where it steps to, and how far the body follows.
 
-The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides
-take turns. Per footstep the body advances half a metre, as in the outdoor runs of the real machine
-(500 m in 1000 footsteps): forward along the arc, level, at a constant height over its feet.
+The rear-most leg of a side swings between the shafts to the front while five legs stand. The sides
+take turns. Each footstep advances the body by half a metre, as in the outdoor runs of the real
+machine (500 m in 1000 footsteps). The body moves along the arc, level, at a constant height over
+its feet.
 """
 
 import math
@@ -30,10 +31,10 @@ ADVANCE = 0.5
 TOLERANCE = 0.1
 
 LOOKAHEAD = 3.0
-"""Metres beyond the end of a piece of the course."""
+"""How far (m) beyond the end of a piece of the course the robot aims."""
 
 SHARPEST = 0.08
-"""1/m: legs that stand must stay in reach while the body turns."""
+"""1/m: the legs that stand must stay in reach while the body turns."""
 
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
@@ -44,17 +45,16 @@ ACCELERATION = 0.6
 SHORTEST = 0.5
 LEAST_MARGIN = 0.3
 OVERREACH = 0.03
-"""How far (m) beyond the limits a leg may get when its foot has crept; footholds are chosen with
+"""How far (m) beyond the limits a leg may get when its foot has crept. Footholds are chosen with
 some reserve.
 """
 
 
 def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVANCE) -> Step:
-    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one
-    whose turn it is; the body goes on by *advance*. Raises NoStep when nothing remains.
+    """Plan the footstep from *stance* along *arc* with *leg*, by default the leg whose turn it is.
 
-    The ideal foothold is beside the body, TRACK to the side, half way through the six steps for
-    which the leg will stand.
+    The body moves on by *advance*. The ideal foothold is TRACK beside the body, half way through
+    the six steps for which the leg will stand. Raises NoStep at the end of the arc.
     """
     done = progress(arc, stance.pose)
     if is_finished(arc, stance.pose):
@@ -75,7 +75,7 @@ def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVA
 
 
 def next_leg(stance: Stance) -> int:
-    """The rear-most leg of the side that did not step last; at the beginning of both sides."""
+    """The rear-most leg of the side that did not step last; at the start, of both sides."""
     candidates = (
         LEGS if stance.last_leg not in LEGS else tuple(set(LEGS) - set(side_of(stance.last_leg)))
     )
@@ -83,32 +83,30 @@ def next_leg(stance: Stance) -> int:
 
 
 def foot_beside(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
-    """A foot TRACK to the leg's side of a body at *pose*, and so far *ahead*."""
+    """A foot TRACK to the leg's side of a body at *pose*, and *ahead* metres forward."""
     x, y = offset(pose, ahead, circulation(leg) * TRACK)
     return Foot(leg, x, y, height)
 
 
 def after_step(step: Step, foothold: Foot, goal: Pose) -> Stance:
-    """The stance that will be when the step is done, so that the next one can be planned while this
-    one is walked.
-    """
+    """The stance after the step, with which the next step is planned while this one is walked."""
     return replace(with_foot(step.before, foothold), pose=goal, last_leg=step.leg)
 
 
 def with_foot(stance: Stance, landed: Foot) -> Stance:
-    """The stance with one foot where it has *landed*."""
+    """The stance with the foot *landed* in it."""
     return replace(
         stance, feet=tuple(landed if foot.leg == landed.leg else foot for foot in stance.feet)
     )
 
 
 def progress(arc: Arc, pose: Pose) -> float:
-    """How many metres of the arc lie behind the point of it that is nearest to *pose*."""
+    """Metres of the arc up to its point nearest to *pose*."""
     forward, left = seen_by(arc.start, pose)
     if abs(arc.curvature) < 1e-9:
         return forward
     turned = math.atan2(forward * arc.curvature, 1.0 - left * arc.curvature)
-    # The heading tells which time around a circle it is: progress may exceed half a turn.
+    # Progress may exceed half a turn: the heading gives the number of turns.
     about = pose.heading - arc.start.heading
     return (about + math.remainder(turned - about, math.tau)) / arc.curvature
 
@@ -119,8 +117,10 @@ def remaining(arc: Arc, pose: Pose) -> float:
 
 
 def rejoin(course: Arc, pose: Pose) -> Arc:
-    """The arc from *pose* to the end of a course's piece, aimed at a point LOOKAHEAD beyond that,
-    so that it leads back to the course (pure pursuit).
+    """An arc from *pose* that is as long as the rest of the course's piece and leads back to the
+    course (pure pursuit).
+
+    It aims at a point LOOKAHEAD beyond the end of the piece.
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -130,12 +130,12 @@ def rejoin(course: Arc, pose: Pose) -> Arc:
 
 
 def is_finished(arc: Arc, pose: Pose) -> bool:
-    """Is what remains too short for a step? Feet creep, so bodies stop some centimetres short."""
+    """Whether the rest is too short for a step. Feet creep: bodies stop centimetres short."""
     return remaining(arc, pose) < TOLERANCE
 
 
 def pose_on(arc: Arc, distance: float) -> Pose:
-    """The pose after *distance* metres along the arc, also beyond its end."""
+    """The pose after *distance* metres along the arc or beyond its end."""
     turned = arc.curvature * distance
     if abs(turned) < 1e-9:
         forward, left = distance, 0.0
@@ -146,18 +146,17 @@ def pose_on(arc: Arc, distance: float) -> Pose:
 
 
 def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
-    """The standard configuration around *pose*: where feet are put at the beginning, or to recover
-    from a muddle.
-    """
+    """The standard configuration around *pose*, for the start and for recovery."""
     return tuple(
         foot_beside(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS)
     )
 
 
 def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
-    """Where the feet would stand in the standard configuration around the body, or in its mirror
-    image if the side of leg *first* is to step first and is the right one. Within a stack the legs
-    keep their order: a leg half way through its recovery goes back to the rear.
+    """The places of the feet in the standard configuration around the body.
+
+    The configuration is mirrored if *first*, the leg that steps first, is on the right side. Within
+    a stack the legs keep their order: a leg half way through its recovery goes back to the rear.
     """
     height = mean_height(stance.feet)
     places: dict[int, Foot] = {}
@@ -170,7 +169,7 @@ def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
 
 
 def mean_height(feet: tuple[Foot, ...]) -> float:
-    """Of the ground under the feet."""
+    """The mean height of the ground under the feet."""
     return sum(foot.z for foot in feet) / len(feet)
 
 
@@ -180,7 +179,7 @@ def body_height(feet: tuple[Foot, ...]) -> float:
 
 
 def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
-    """A pose on the arc at the height the body has now."""
+    """A pose on the arc at the present height of the body."""
     return replace(pose_on(arc, distance), height=now.height)
 
 
@@ -193,9 +192,10 @@ def plan_body_move(step: Step, foothold: Foot) -> BodyMove:
 
 
 def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
-    """Move the body to the x, y, heading of *goal* at the right height over the feet of *stance*.
+    """Plan a body move to the x, y and heading of *goal*, at the right height over the feet of
+    *stance*.
 
-    Raises OutOfReach or UnstableMove when the feet do not allow it.
+    Raises OutOfReach or UnstableMove if the feet do not allow it.
     """
     goal = replace(goal, height=body_height(stance.feet))
     there = replace(stance, pose=goal)
@@ -203,13 +203,14 @@ def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
     margin = support_margin(there)
     if margin < LEAST_MARGIN:
         raise UnstableMove(
-            f"the body at x {goal.x:.2f}, y {goal.y:.2f} would be {margin:.2f} m from tipping, not {LEAST_MARGIN}"
+            f"the body at x {goal.x:.2f}, y {goal.y:.2f} would be {margin:.2f} m from tipping;"
+            f" the least is {LEAST_MARGIN} m"
         )
     return BodyMove(goal, duration(stance.pose, goal))
 
 
 def duration(start: Pose, goal: Pose) -> float:
-    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION; turning counts at 2
+    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION. Turning counts at 2
     m radius.
     """
     turn = 2.0 * (goal.heading - start.heading)
@@ -218,8 +219,8 @@ def duration(start: Pose, goal: Pose) -> float:
 
 
 def require_reach(joints: Array, tolerance: float = 0.0) -> None:
-    """Raise OutOfReach when some leg's (angle, reach, drop) is more than *tolerance* metres beyond
-    its limits.
+    """Raise OutOfReach if a leg's (angle, reach, drop) is more than *tolerance* metres beyond its
+    limits.
     """
     fit = within_limits(joints, -tolerance)
     if not fit.all():

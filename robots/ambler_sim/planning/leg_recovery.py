@@ -1,6 +1,4 @@
-"""How a leg gets from one foothold to the next: high enough over the ground on its way, in its
-stack's sense.
-"""
+"""The way of a leg between two footholds: high enough over the ground, in its stack's sense."""
 
 import math
 
@@ -27,13 +25,13 @@ SPACING = 0.05
 
 
 def window_of(step: Step) -> Window:
-    """The ground that must be known to plan the way of a step's leg: all that it can reach."""
+    """The ground needed to plan the way of a step's leg: all that the leg can reach."""
     x, y = offset(step.before.pose, 0.0, float(SHAFT_Y[step.leg]))
     return Window(x, y, AMBLER.max_reach + SPACING)
 
 
 def plan_leg_move(ground: ElevationMap, step: Step, foothold: Foot) -> LegMove:
-    """The recovery of the step's leg through the body to *foothold*."""
+    """Plan the recovery of the step's leg through the body to *foothold*."""
     return plan_swing(ground, step.before, foothold, sense=circulation(step.leg))
 
 
@@ -44,19 +42,19 @@ def plan_swing(
     sense: int = 0,
     radius: float | None = None,
 ) -> LegMove:
-    """Move a leg to *foothold* turning in *sense* (0: the short way), lifted CLEARANCE over
-    everything on its way.
+    """Plan a leg's move to *foothold*, turning in *sense* (0: the short way) and lifted CLEARANCE
+    over everything on its way.
 
-    It turns at *radius* from its shaft; unless told otherwise at RECOVERY_RADIUS or, if an end is
-    nearer, at that.
-
-    Raises OutOfReach for a foothold that the leg cannot reach from here, PathBlocked when the
-    ground is too high.
+    It turns at *radius* from its shaft. The default is RECOVERY_RADIUS, or the distance of a nearer
+    end. Raises OutOfReach for a foothold beyond the leg's reach, PathBlocked if the ground is too
+    high.
     """
     start, end = _ends(stance.pose, stance.feet[foothold.leg], foothold, sense)
     if not within_limits(np.array([end])).all():
-        message = f"leg {foothold.leg} cannot reach x {foothold.x:.2f}, y {foothold.y:.2f}: reach {end[1]:.2f} m"
-        raise OutOfReach(message)
+        raise OutOfReach(
+            f"leg {foothold.leg} cannot reach x {foothold.x:.2f}, y {foothold.y:.2f}:"
+            f" reach {end[1]:.2f} m"
+        )
     radius = radius or min(start[1], end[1], RECOVERY_RADIUS)
     lift = _highest(ground, stance.pose, foothold.leg, start, end, radius) + CLEARANCE
     require_lift(stance.pose, foothold.leg, lift)
@@ -64,7 +62,7 @@ def plan_swing(
 
 
 def require_lift(pose: Pose, leg: int, lift: float) -> None:
-    """Raise PathBlocked when a foot can't be lifted to this height."""
+    """Raise PathBlocked if a foot can't be lifted to this height."""
     ceiling = pose.height + float(SHOULDER_Z[leg]) - AMBLER.min_drop
     if lift > ceiling:
         raise PathBlocked(
@@ -73,9 +71,7 @@ def require_lift(pose: Pose, leg: int, lift: float) -> None:
 
 
 def rotation(start: float, end: float, sense: int) -> float:
-    """The angle to turn through (signed) from one direction to another in the given sense; 0 takes
-    the short way.
-    """
+    """The signed angle from one direction to another in the given sense; 0 takes the short way."""
     turn = math.remainder(end - start, math.tau)
     if sense * turn < 0:
         turn += sense * math.tau
@@ -85,8 +81,8 @@ def rotation(start: float, end: float, sense: int) -> float:
 def swing_path(
     pose: Pose, leg: int, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Array:
-    """Points (x, y) of the world under the foot: retract at the first angle, rotate, extend at the
-    second angle.
+    """World points (x, y) under the foot: retract at the first angle, rotate, extend at the second
+    angle.
     """
     (first, reach), (last, final_reach) = start, end
     inward = _stretch(reach, radius)
@@ -110,7 +106,7 @@ def _ends(pose: Pose, foot: Foot, foothold: Foot, sense: int) -> tuple[Joints, J
 def _highest(
     ground: ElevationMap, pose: Pose, leg: int, start: Joints, end: Joints, radius: float
 ) -> float:
-    """The highest known ground on the way; both ends count even if the map does not know them."""
+    """The highest known ground on the way. Both ends count even if the map does not have them."""
     path = swing_path(pose, leg, start[:2], end[:2], radius)
     shoulder = pose.height + float(SHOULDER_Z[leg])
     heights = [

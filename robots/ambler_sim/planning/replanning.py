@@ -1,6 +1,4 @@
-"""Other ways to go on, for when a leg could not go where it was sent. Pure; nothing here knows of
-messages.
-"""
+"""Alternatives for a leg that could not go where it was sent. Pure: no messages."""
 
 import contextlib
 import math
@@ -47,44 +45,44 @@ from robots.ambler_sim.vocabulary import (
 
 RAISE = 0.4
 OBSTACLE_RADIUS = 0.45
-"""Of what a leg met (m): it was felt at one point only, and feet are broad."""
+"""The assumed radius (m) of a felt obstacle: it was felt at one point only, and feet are broad."""
 
 FOOT_ROOM = 0.2
-"""Around a place (m) where no foot should stand."""
+"""The radius (m) around a place where no foot should stand."""
 
 CLEAR_OF_FOOT = 0.05
-"""Metres between where a foot was and the obstacle that it met: the foot may go on from there."""
+"""The distance (m) from a foot to the obstacle that it met. The foot may move on from there."""
 
 RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
-"""How far from its shaft (m) a leg may swing, the usual way first. Further out it would come near
-other legs.
+"""How far from its shaft (m) a leg may swing; the usual way (None) first. Further out it would come
+near other legs.
 """
 
 IN_PLACE = 0.15
 
 WIDER = 1.0
-"""Metres around the ideal foothold in which one is looked for when there is none nearby."""
+"""The radius (m) of the second search, if there is no foothold near the ideal one."""
 
 BESIDE = ((0.0, 0.0), (0.35, 0.0), (-0.35, 0.0), (0.0, 0.35), (0.0, -0.35))
-"""Metres from a place of the standard configuration."""
+"""Offsets (m) from a place of the standard configuration."""
 
 SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
-"""Metres that the body may be shifted ahead or to the left, to stand better."""
+"""Shifts (m) of the body ahead or to the left, for a better stance."""
 
 STANDS_WELL = 0.2
-"""Metres to the edge, without any one leg, with which the body is not shifted."""
+"""The margin (m) without any one leg from which on the body is not shifted."""
 
 ADVANCES = (0.5, 0.25, 0.12)
-"""How far (m) the body goes on with a footstep."""
+"""How far (m) the body moves with a footstep."""
 
 
 def window_around(stance: Stance) -> Window:
-    """The ground that must be known to move any leg."""
+    """The ground needed to move any leg."""
     return Window(*offset(stance.pose, AHEAD, 0.0), SIZE / 2)
 
 
-def felt(contact: Contact) -> Obstacle:
-    """The obstacle at *contact*: beyond where the foot was, or under it."""
+def obstacle_at(contact: Contact) -> Obstacle:
+    """The obstacle at *contact*: beyond the foot, or under it."""
     if not (contact.dx or contact.dy):
         return Obstacle(contact.x, contact.y, contact.z, FOOT_ROOM, is_wall=False)
     reach = OBSTACLE_RADIUS + CLEAR_OF_FOOT
@@ -92,17 +90,17 @@ def felt(contact: Contact) -> Obstacle:
     return Obstacle(x, y, contact.z, OBSTACLE_RADIUS, is_wall=True)
 
 
-def raised(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
-    """The move RAISE above the obstacle. Raises PathBlocked when the leg is too short for that."""
+def raised_move(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
+    """The move, RAISE above the obstacle. Raises PathBlocked if the leg is too short for that."""
     lift = max(move.lift, contact.z) + RAISE
     require_lift(stance.pose, move.leg, lift)
     return replace(move, lift=lift)
 
 
 def another_way(ground: ElevationMap, step: Step) -> LegMove:
-    """The leg's part of a step from wherever its foot now is, around what stands in its way.
+    """Plan the leg's part of a step around obstacles, from the foot's present place.
 
-    Raises NoFootfall or PathBlocked when there is no way.
+    Raises NoFootfall or PathBlocked if there is no way.
     """
     try:
         foothold = choose_foothold(ground, step)
@@ -124,9 +122,11 @@ class Alternative:
 def another_step(
     ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG
 ) -> Alternative:
-    """The first footstep that can be taken from *stance*: with the leg whose turn it is (or
-    *preferred*), then with the other legs, rear-most first; the body goes on by less and less.
-    Raises NoStep, saying what spoke against the first.
+    """The first footstep that is possible from *stance*.
+
+    It tries the leg whose turn it is (or *preferred*), then the others from the rear. Then it tries
+    again with shorter and shorter moves of the body. Raises NoStep with the reason against the
+    first one.
     """
     first = preferred if preferred in LEGS else next_leg(stance)
     others = sorted(
@@ -155,9 +155,10 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
     return Alternative(step, leg_move, body_move)
 
 
-def centring(stance: Stance) -> BodyMove | None:
-    """The move of the body to where any leg can be lifted, as far as the feet allow; None if it is
-    there, or if nowhere near is better that it can go to safely.
+def centring_move(stance: Stance) -> BodyMove | None:
+    """A move of the body to where any leg can be lifted, as far as the feet allow.
+
+    None if the body stands well, or if no better place nearby can be reached safely.
     """
     best, most = None, conservative_margin(stance)
     if most >= STANDS_WELL:
@@ -174,13 +175,13 @@ def centring(stance: Stance) -> BodyMove | None:
 
 
 def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]:
-    """Moves that bring the feet into the standard configuration around the body in which the side
-    that is not *blocked* steps first: when it has, the body is further on, and the blocked leg
-    swings elsewhere.
+    """Plan moves that bring the feet into the standard configuration in which the side that is not
+    *blocked* steps first.
 
-    At each move the robot is stable. The blocked leg's side goes last, and of that the leg itself,
-    if that can be; of the others those first that would be the hardest to lift in the end. Feet
-    that can't be brought to their places safely stay.
+    After that step the body is further on, and the blocked leg swings elsewhere. The robot is
+    stable during each move. The blocked leg's side moves last, the blocked leg itself at the very
+    end if possible. The others move in the order of how hard they would be to lift in the end,
+    hardest first. Feet that can't be moved safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
@@ -204,7 +205,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 
 
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
-    """For each of these places where its foot is not, the move there, if it can be made."""
+    """The possible moves to these places, for feet that are not yet there."""
     for place in places:
         if distance(stance.feet[place.leg], place) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):
@@ -214,8 +215,8 @@ def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) ->
 
 
 def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
-    """Straight to a place of the standard configuration; from within the body backwards, as the leg
-    came.
+    """Plan a move straight to a place of the standard configuration. A leg within the body moves
+    backwards, as it came.
     """
     foothold = _fit_to_stand_on(ground, stance, place)
     is_inside = circulating_angle(stance.pose, stance.feet[place.leg]) > math.pi
@@ -223,8 +224,8 @@ def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
 
 
 def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place, or one beside it if it is to be avoided; where nothing is known, at the height of
-    the other feet.
+    """The place, or one beside it if it is to be avoided. Unknown ground gets the mean height of
+    the feet.
     """
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
@@ -234,8 +235,8 @@ def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
 
 
 def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
-    """To a foothold at the first of RADII at which nothing stands in the way. Raises PathBlocked if
-    there is none.
+    """Plan a move to a foothold at the first of RADII without an obstacle. Raises PathBlocked if
+    all are blocked.
     """
     for radius in RADII:
         with contextlib.suppress(PathBlocked):

@@ -1,4 +1,4 @@
-"""How far the robot is from tipping over, from its stance alone."""
+"""The distance of the robot from tipping over, from its stance alone."""
 
 import math
 
@@ -20,7 +20,7 @@ def centre_of_gravity(joints: Array) -> Array:
     feet = feet_of(joints)
     levels = feet[:, 2] + joints[:, 2]
     outward = np.stack([np.cos(joints[:, 0]), np.sin(joints[:, 0])], axis=1)
-    # How much nearer to the shaft than the foot the two beams' centres are, times their mass.
+    # How much nearer the two beams' centres are to the shaft than the foot is, times their mass.
     inner = (
         parts.shoulder_mass * (joints[:, 1] - parts.min_reach / 2)
         + parts.extension_mass * parts.beam_length / 2
@@ -42,16 +42,15 @@ def world_centre_of_gravity(stance: Stance) -> Array:
 
 
 def support_polygon(stance: Stance, *lifted: int) -> Array:
-    """The outermost feet of those that bear the robot, counter-clockwise seen from above, (n,
-    3).
-    """
+    """The outermost of the feet that bear load, counter-clockwise seen from above, (n, 3)."""
     points = sorted((foot.x, foot.y, foot.z) for foot in stance.feet if foot.leg not in lifted)
     return np.array(_half_hull(points) + _half_hull(points[::-1]))
 
 
 def support_margin(stance: Stance, *lifted: int) -> float:
-    """Horizontal distance (m) of the centre of gravity from the nearest support edge; negative when
-    it is outside, -inf when fewer than three feet stand.
+    """The horizontal distance (m) of the centre of gravity from the nearest support edge.
+
+    Negative when the centre is outside, -inf when fewer than three feet stand.
     """
     corners = support_polygon(stance, *lifted)
     if len(corners) < LEAST_CORNERS:
@@ -61,8 +60,8 @@ def support_margin(stance: Stance, *lifted: int) -> float:
 
 
 def conservative_margin(stance: Stance, *lifted: int) -> float:
-    """The support margin after the worst single further leg has failed (conservative support
-    polygon, 1989).
+    """The support margin after the failure of the worst further leg (conservative support polygon,
+    1989).
     """
     return min(support_margin(stance, *lifted, leg) for leg in LEGS if leg not in lifted)
 
@@ -71,7 +70,8 @@ def energy_margin(stance: Stance, *lifted: int) -> float:
     """How far (m) the centre of gravity has to rise to tip over the weakest edge (Messuri and
     Klein, 1985).
 
-    This is the energy stability margin divided by the weight; negative when the robot already tips.
+    This is the energy stability margin divided by the weight. It is negative when the robot already
+    tips.
     """
     edges, to_centre = _edges_and_arms(support_polygon(stance, *lifted), stance)
     along = edges / np.linalg.norm(edges, axis=1)[:, None]
@@ -91,7 +91,7 @@ def least_norm_loads(feet: Array, loads: Array) -> Array:
 
 
 def _edges_and_arms(corners: Array, stance: Stance) -> tuple[Array, Array]:
-    """Each edge of the polygon, and the way from its first corner to the centre of gravity."""
+    """Each edge of the polygon, and the vector from its first corner to the centre of gravity."""
     return np.roll(corners, -1, axis=0) - corners, world_centre_of_gravity(stance) - corners
 
 

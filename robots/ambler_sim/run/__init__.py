@@ -1,1 +1,1 @@
-"""A whole walk: its programs, its faults, its figures."""
+"""A whole walk: its programs, the programs lost on the way, its rules and its figures."""

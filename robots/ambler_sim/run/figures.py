@@ -1,5 +1,5 @@
-"""A walk in figures: from the record of its footsteps, from its journal, and from what its programs
-used.
+"""A walk in figures, from the record of its footsteps, its journal and the memory use of its
+programs.
 """
 
 import hashlib
@@ -41,29 +41,31 @@ RECOVERIES = {
     "lost module": (),
     "lost central": (),
 }
-"""By which tasks it is seen that a fault was noticed and recovered from. After the loss of a
-program it is seen by the next footstep.
+"""The tasks that show that a fault was noticed and recovered from. The loss of a program is
+recovered from at the next footstep.
 """
 
 ROUND = 8
-"""Footsteps within which a recovery belongs to a fault: each leg has moved meanwhile, and some were
-moved again.
+"""Footsteps within which a recovery counts for a fault. In that time each leg moves, some more than
+once.
 """
 
 CLASS = 0.05
-"""Of slopes, in the histogram."""
+"""The width of a class of slopes in the histogram."""
 
 
 WARM_UP = 100.0
-"""Metres after which the memory of a program that has been started is compared with what it needs
-later, as many metres on or more.
+"""Metres after which a program's memory use is first measured. Its later use, at least as many
+metres on, is compared with that.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryUse:
-    """What programs need at the end, in MB: central, and all of them; and how fast (MB in 100 m)
-    that of the one that grew fastest grew, if the walk was long enough to say.
+    """The memory use of programs at the end, in MB: of central, and of all.
+
+    *growth* is the growth (MB in 100 m) of the program that grew *fastest*; None after a walk too
+    short to say.
     """
 
     central: float = 0.0
@@ -79,23 +81,21 @@ class MemoryUse:
 
 
 class Usage:
-    """What programs need while the walk goes on. A program that was started anew has another
-    life.
-    """
+    """The memory use of programs during a walk. A restarted program counts as another one."""
 
     def __init__(self) -> None:
         self._lives: defaultdict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
-        """By name and process: metres walked, and MB."""
+        """Pairs of metres walked and MB, by name and process."""
         self._now: tuple[tuple[str, int], ...] = ()
 
-    def look(self, metres: float, processes: Mapping[str, int]) -> None:
-        """Note what these programs need now."""
+    def measure(self, metres: float, processes: Mapping[str, int]) -> None:
+        """Measure the present memory use of these programs."""
         self._now = tuple(processes.items())
         for name, process in self._now:
             self._lives[name, process].append((metres, _megabytes(process)))
 
     def at_end(self) -> MemoryUse:
-        """At the end of the walk, and how it came to that."""
+        """The memory use at the end of the walk, and its growth."""
         ends = {name: self._lives[name, process][-1][1] for name, process in self._now}
         growths = [(growth_of(life), name) for (name, _), life in self._lives.items()]
         known = [(growth, name) for growth, name in growths if growth is not None]
@@ -105,16 +105,16 @@ class Usage:
 
 
 def growth_of(life: Sequence[tuple[float, float]]) -> float | None:
-    """MB in 100 m, since the program has warmed up; None: too short a life to say."""
+    """Growth in MB per 100 m since the program has warmed up; None after too short a run."""
     last = life[-1]
-    warm = next((look for look in life if look[0] >= life[0][0] + WARM_UP), last)
+    warm = next((sample for sample in life if sample[0] >= life[0][0] + WARM_UP), last)
     metres = last[0] - warm[0]
     return 100 * (last[1] - warm[1]) / metres if metres >= WARM_UP else None
 
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """Of one kind of faults: how many began, and after how many the recovery was seen."""
+    """For one kind of fault: how many began, and how many were recovered from."""
 
     injected: int
     recovered: int
@@ -122,9 +122,7 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class RuleFigures:
-    """How many rules a walk kept of those that it had a case of, general and its own; and remarks
-    on the others.
-    """
+    """How many of the applicable rules the walk kept, with remarks on the others."""
 
     kept: int
     number: int
@@ -136,7 +134,7 @@ class RuleFigures:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What a walk was like. Lengths in m, angles in degrees, times in s, memory in MB."""
+    """The figures of a walk. Lengths in m, angles in degrees, times in s, memory in MB."""
 
     footsteps: int
     way: float
@@ -159,21 +157,27 @@ class Figures:
     digest: str
 
     def lines(self) -> list[str]:
-        """For people."""
+        """The figures as text."""
         share = self.error / self.way if self.way else 0.0
         slopes = ", ".join(f"{count} x {rise}" for rise, count in self.slopes.items())
         faults = [
             f"{each.recovered} of {each.injected} {kind}"
             for kind, each in sorted(self.faults.items())
         ]
-        checks = f"moves checked before {self.checked_before:.0%}, leg moves after {self.checked_after:.0%}"
+        fault_counts = ", ".join(faults) or "none occurred"
+        footsteps = f"{self.footsteps} footsteps, {self.way:.1f} m"
+        margin = f"least stability margin {self.least_margin:.2f} m"
+        checks = (
+            f"checked before: {self.checked_before:.0%} of moves;"
+            f" after: {self.checked_after:.0%} of leg moves"
+        )
         effort = f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}"
         return [
-            f"{self.footsteps} footsteps, {self.way:.1f} m; reckoned place {self.error:.2f} m ({share:.1%}) off",
+            f"{footsteps}; error of dead reckoning {self.error:.2f} m ({share:.1%})",
             f"slopes under the path up to {self.steepest:.1%}: {slopes}",
-            f"greatest tilt {self.most_tilt:.2f} degrees, least stability margin {self.least_margin:.2f} m",
-            f"faults recovered: {', '.join(faults) or 'none came'}; operator called {self.operator_calls} times",
-            f"{checks}; planned while the step before was walked {self.planned_ahead:.0%}",
+            f"greatest tilt {self.most_tilt:.2f} degrees, {margin}",
+            f"faults recovered: {fault_counts}; operator calls: {self.operator_calls}",
+            f"{checks}; planned during the step before: {self.planned_ahead:.0%} of steps",
             f"{effort}; memory of central and of all programs {self.memory}",
             f"rules kept: {self.rules}",
             *(f"  {other}" for other in self.rules.others),
@@ -182,7 +186,7 @@ class Figures:
 
 
 def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figures:
-    """Of a walk whose programs have ended. *wall*: how long it took."""
+    """The figures of a walk whose programs have ended and that took *wall* seconds."""
     history = History()
     checked = CheckedRun.of(open_log(journal), RULES, history)
     written = record.read_bytes() if record.exists() else b""
@@ -219,7 +223,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
 
 
 def _megabytes(process: int) -> float:
-    """Of a process; 0 if there is none."""
+    """The memory use of a process in MB; 0 if it has ended."""
     try:
         return (
             int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
@@ -231,14 +235,15 @@ def _megabytes(process: int) -> float:
 
 
 def _footsteps(written: bytes) -> list[Footstep]:
-    """From the lines that the controller has written; the last of each number counts."""
+    """Read the lines that the controller has written. The last line of each number counts."""
     steps = (msgspec.json.decode(line, type=Footstep) for line in written.splitlines())
     return list({step.number: step for step in steps}.values())
 
 
 def _faults(history: History) -> dict[str, FaultFigures]:
-    """For each kind, how many began, and of how many the recovery was seen. That from the loss of a
-    program is the robot's next footstep, or its arrival.
+    """For each kind of fault, how many began and how many were recovered from.
+
+    A lost program is recovered from at the robot's next footstep or arrival.
     """
     began, mended, steps = (
         defaultdict[str, list[float]](list),
@@ -264,13 +269,15 @@ def _faults(history: History) -> dict[str, FaultFigures]:
 
 
 def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
-    """After how many of these times the robot has made another step."""
+    """The number of losses after which the robot has made another step."""
     return sum(loss < steps[-1] for loss in losses) if steps else 0
 
 
 def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:
-    """How many of the *faults* of one kind were followed by a fitting recovery within a ROUND of
-    footsteps, each by another one. All are times; recoveries and steps are sorted.
+    """The number of *faults* of one kind that were followed by a fitting recovery within a ROUND of
+    footsteps.
+
+    Each recovery counts for one fault. All arguments are times; recoveries and steps are sorted.
     """
     found = following = 0
     for fault in sorted(faults):
@@ -287,12 +294,12 @@ def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Seque
 def _rules(checked: CheckedRun) -> RuleFigures:
     number = len(RULES_OF_TASKS) + len(RULES)
     if not checked.is_whole:
-        return RuleFigures(0, number, ("not judged: a part of the journal can't be read",))
+        return RuleFigures(0, number, ("not checked: a part of the journal can't be read",))
     idle = [judge for judge in checked.unbroken if judge.vacuous]
     broken = {
         each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)
     }
-    vacuous = [f"no case on this walk: {judge.stated} ({judge.vacuous})" for judge in idle]
+    vacuous = [f"did not apply to this walk: {judge.stated} ({judge.vacuous})" for judge in idle]
     kept = checked.rules_kept + len(checked.unbroken) - len(idle)
     return RuleFigures(kept, number - len(idle), (*reversed(broken.values()), *vacuous))
 

@@ -1,7 +1,7 @@
-"""Programs of the robot are killed while it walks, and started again: the walk goes on.
+"""Kills programs of the robot while it walks and starts them again. The walk continues.
 
-Central comes back on the same journal, and knows all that it knew. What a module had in hand has
-failed with "module lost".
+Central restarts on the same journal, with all its state. The work of a lost module has failed with
+"module lost".
 """
 
 import threading
@@ -16,17 +16,18 @@ from tca_module import Client, Task, connect
 from tca_tools.supervise.programs import START_TIME, Programs
 
 PATIENCE = 4.0
-"""Seconds that all are given to come to rest, and then a planner to be asked, before a program is
-killed.
+"""Seconds that the other programs get to come to rest before a program is killed. A planner gets as
+many to receive a query.
 """
 
-_LOOK_AGAIN = 0.02  # seconds
+_POLL_PERIOD = 0.02  # seconds
 
 
 class ProgramKiller:
-    """Kills programs, one after the other, while a move is held and all that could be done beside
-    it is done: so what is lost does not depend on what was faster. A planner that is asked is then
-    made to stand still, and killed with the next question in hand.
+    """Kills programs, one after the other, while a move is held and all other work is done.
+
+    The work that is lost then does not depend on timing. A planner is stopped first, and killed as
+    soon as it has the next query.
     """
 
     def __init__(self, programs: Programs, address: str) -> None:
@@ -40,51 +41,52 @@ class ProgramKiller:
             self._killer.join()
 
     def kill(self, task: Task, name: str) -> None:
-        """Kill a program, and return when it is back; or stop a planner, which is killed soon
-        after.
+        """Kill a program, and return when it is back. A planner is only stopped here, and killed
+        soon after.
         """
         self.close()
-        _wait(lambda: is_quiet(task), PATIENCE)
+        _wait(lambda: is_at_rest(task), PATIENCE)
         if name in PLANNERS:
             self._programs.halt(name)
             self._killer = threading.Thread(target=self._kill_when_asked, args=(name,))
             self._killer.start()
             return
         process = self._programs.kill_and_restart(name)
-        _wait(
-            lambda: is_there(task, process) or name == CENTRAL, START_TIME
-        )  # central, once it answers
+        # A restarted central is back as soon as it answers.
+        _wait(lambda: is_connected(task, process) or name == CENTRAL, START_TIME)
         task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
     def _kill_when_asked(self, planner: str) -> None:
         try:
             with connect("losses", self._address) as client:
                 _wait(lambda: planner in busy(client), PATIENCE)
-        finally:  # also where central does not answer: else it would stand still for ever
+        finally:  # also if central does not answer: else the planner would stay stopped
             process = self._programs.kill_and_restart(planner)
         with connect("losses", self._address) as client:
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
-            _wait(lambda: is_there(client, process), START_TIME)
+            _wait(lambda: is_connected(client, process), START_TIME)
 
 
-def is_quiet(task: Task) -> bool:
-    """Whether nobody does anything but those who see to the loss."""
+def is_at_rest(task: Task) -> bool:
+    """Whether only the modules that cause the loss have work."""
     return not busy(task) - {"task manager", "fault injector"}
 
 
 def busy(sender: Task | Client) -> set[str]:
-    """The modules to which central has given something that they have not done yet."""
+    """The modules with a delivery from central that they have not finished."""
     return {
-        one.name for one in sender.modules() if any(resource.handling for resource in one.resources)
+        module.name
+        for module in sender.modules()
+        if any(resource.handling for resource in module.resources)
     }
 
 
-def is_there(sender: Task | Client, process: int) -> bool:
-    """Whether central knows a module of this process."""
-    return any(one.process.endswith(f":{process}") for one in sender.modules())
+def is_connected(sender: Task | Client, process: int) -> bool:
+    """Whether a module of this process is connected to central."""
+    return any(module.process.endswith(f":{process}") for module in sender.modules())
 
 
 def _wait(condition: Callable[[], bool], seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
-        time.sleep(_LOOK_AGAIN)
+        time.sleep(_POLL_PERIOD)

@@ -1,7 +1,7 @@
-"""What must hold of every walk: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
+"""Rules that every walk must keep: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-A walk checks itself against these when it ends. Nothing here imports the robot: a journal can be
-checked without it.
+A walk checks itself against them when it ends. This file imports nothing of the robot, so a journal
+can be checked without it.
 """
 
 from bisect import bisect_left
@@ -19,23 +19,23 @@ SCANNER, CONTROLLER = "scanner", "controller"
 
 
 def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Each time that the controller begins a leg or body move, a check since it had that move last
-    has succeeded.
+    """Each time the controller begins a leg or body move, a stability check has succeeded since its
+    last try of that move.
     """
     for move in _named(run, *MOVES):
         checks = _achieved_checks(run, move, "stability check")
-        had_it_until = 0.0
+        last_try_ended = 0.0
         for handling in move.handlings:
             yield (
                 move,
-                any(since >= had_it_until and until <= handling.start for since, until in checks),
+                any(since >= last_try_ended and until <= handling.start for since, until in checks),
             )
-            had_it_until = handling.until
+            last_try_ended = handling.until
 
 
 def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Before a leg move is achieved, a check since the controller was done with it has
-    succeeded.
+    """Before a leg move is achieved, a footfall check has succeeded since the controller finished
+    it.
     """
     for move in _named(run, MOVE_LEG):
         if move.state is TaskState.ACHIEVED:
@@ -51,9 +51,10 @@ def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]
 
 
 def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Of each step that was walked as planned, but for the first of an arc: its planner ran between
-    the time when the step before might be walked and the end of that step's moves. A step that was
-    planned anew counts again.
+    """Each step but the first of an arc is planned while the step before it is walked.
+
+    Its planner ran after the step before could begin and before the end of that step's moves. A
+    step that was planned again counts again.
     """
     for step in _named(run, TAKE_STEPS):
         before = run.tasks.get(step.parent)
@@ -69,7 +70,7 @@ def no_move_while_the_scanner_holds_the_controller(
     run: Run,
 ) -> Iterator[tuple[Message | Claim, bool]]:
     """While the scanner has locked the controller, no move is handled."""
-    moves = sorted((one for one in run.handlings if one.name in MOVES), key=attrgetter("start"))
+    moves = sorted((move for move in run.handlings if move.name in MOVES), key=attrgetter("start"))
     for lock in run.granted(CONTROLLER, CONTROLLER):
         if lock.sender == SCANNER and lock.granted is not None:
             last = bisect_left(moves, lock.until, key=attrgetter("start")) - 1
@@ -116,7 +117,7 @@ def _children(run: Run, task: Task, *names: str) -> Iterator[Task]:
 
 
 def _achieved_checks(run: Run, move: Task, name: str) -> list[tuple[float, float]]:
-    """From when until when the checks of a move went on that have succeeded."""
+    """The start and end times of a move's successful checks."""
     achieved = (check for check in _children(run, move, name) if check.state is TaskState.ACHIEVED)
     return [
         (check.time_of(Moment.START_HANDLING), check.time_of(Moment.END_ACHIEVING))
@@ -125,7 +126,7 @@ def _achieved_checks(run: Run, move: Task, name: str) -> list[tuple[float, float
 
 
 def _end_of_moves(run: Run, step: Task, planner: Handling | None) -> float:
-    """When those moves of a step ended that one run of the planner has ordered."""
+    """The end of the moves of a step that *planner*, a run of the planner, has ordered."""
     moves = (move for move in _children(run, step, *MOVES) if move.by is planner)
     return max((handling.until for move in moves for handling in move.handlings), default=0.0)
 

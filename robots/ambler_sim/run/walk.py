@@ -1,4 +1,4 @@
-"""A walk: central, the Ambler's modules, its layers and the simulator, each a process; then the
+"""A walk: central, the Ambler's modules and layers and the simulator, each as a process; then
 pictures of the run.
 """
 
@@ -24,28 +24,28 @@ from robots.ambler_sim.pictures.film import FRAMES, join_frames
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import ProgramKiller
-from robots.show import history
+from robots.show import draw_history
 from tca_module import Module, TcaError
 from tca_module.sending.task_ref import SentTask
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 PICTURE_TIME = 300.0
-"""Seconds that the last picture may take: on a busy machine without a graphics card more than half
-a minute.
+"""Seconds that the last picture may take. A busy machine without a graphics card needs more than
+half a minute.
 """
 
-LOOK_PERIOD = 0.5
-"""Seconds between two looks at what the programs need."""
+SAMPLE_PERIOD = 0.5
+"""Seconds between two measurements of the programs' memory use."""
 
 ARC = 10.0
-"""Metres, about."""
+"""The approximate length (m) of an arc."""
 
 console = Console(highlight=False)
 
 
 @dataclass
 class Walk:
-    """One run, its command line, and where its files go."""
+    """One run, its command line and its output files."""
 
     options: argparse.Namespace
     arguments: list[str]
@@ -65,7 +65,7 @@ class Walk:
 
     @property
     def bends(self) -> tuple[Bend, ...]:
-        """The path: pieces of equal length, first straight, then gently left and right."""
+        """The path: pieces of equal length, in turn straight, to the left and to the right."""
         arcs = self.options.arcs or max(2, round(self.options.metres / ARC))
         curvatures = [0.0, 0.04, -0.04]
         return tuple(
@@ -74,7 +74,7 @@ class Walk:
 
     @property
     def layers(self) -> list[str]:
-        """The reactive layers."""
+        """The names of the reactive layers in this walk."""
         return (
             []
             if self.options.bare
@@ -96,7 +96,7 @@ class Walk:
             yield "fault injector", "modules.fault injector", self.arguments
 
     def run(self) -> int:
-        """Walk, then draw; the exit code."""
+        """Walk, then draw. Returns the exit code."""
         with central_in(self.folder, is_fresh=False) as (address, programs):
             for name, module, arguments in self.programs():
                 programs.start_module(
@@ -105,15 +105,15 @@ class Walk:
             self.start_controller(programs)
             has_arrived = self.conduct(address, programs)
         titles = {"tree.svg": "task tree", "gantt.svg": "Gantt chart"}
-        self.outputs += [(titles[path.name], path) for path in history(self.folder, _warn)]
+        self.outputs += [(titles[path.name], path) for path in draw_history(self.folder, _warn)]
         self.outputs.append(("journal", self.folder / "journal"))
         if self.options.film and join_frames(self.folder / FRAMES, self.options.film):
             self.outputs.append(("film", self.options.film.resolve()))
         return int(not has_arrived)
 
     def start_controller(self, programs: Programs, number: int = 0) -> None:
-        """Start a controller; it takes the robot over from the one before, if there was one. With
-        --swap-to, every other one is of that kind.
+        """Start a controller. It takes over the robot from an earlier one. With --swap-to every
+        second controller has that backend.
         """
         other = ["--backend", self.options.swap_to] if self.options.swap_to and number % 2 else []
         programs.start_module(
@@ -121,7 +121,9 @@ class Walk:
         )
 
     def conduct(self, address: str, programs: Programs) -> bool:
-        """Be the task manager: send the goal and watch it being achieved; whether it was."""
+        """Act as the task manager: send the goal and watch it. Returns whether the robot has
+        arrived.
+        """
         with closing(ProgramKiller(programs, address)) as killer, self._progress:
             self._bar = self._progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(
@@ -143,12 +145,12 @@ class Walk:
         return has_arrived
 
     def watch(self, goal: SentTask[None], programs: Programs) -> bool:
-        """Wait for the end of the walk; whether the robot has arrived."""
+        """Wait for the end of the walk. Returns whether the robot has arrived."""
         began = time.monotonic()
         try:
-            for is_over in programs.looks(goal, LOOK_PERIOD):
+            for is_over in programs.looks(goal, SAMPLE_PERIOD):
                 if not is_over:
-                    self.usage.look(self.walked, programs.numbers())
+                    self.usage.measure(self.walked, programs.numbers())
             goal.result()
         except TcaError as error:
             self._progress.console.print(f"the walk failed: {error}", style="red")
@@ -159,7 +161,7 @@ class Walk:
         return True
 
     def photograph(self, module: Module) -> None:
-        """Have the robot drawn where it is now. A walk without a picture is a walk."""
+        """Get a picture of the robot where it is now. Its failure does not fail the walk."""
         try:
             picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
         except TcaError as error:
@@ -168,23 +170,23 @@ class Walk:
             self.outputs.append(("the robot", Path(picture)))
 
     def show(self, metres: float) -> None:
-        """The robot has come so far."""
+        """Show the metres walked so far."""
         self.walked = metres
         self._progress.update(self._bar, completed=min(metres, self.options.metres))
 
     def confirm(self, number: int, programs: Programs) -> None:
-        """Between two arcs: what --between-arcs asked for."""
+        """Do what --between-arcs asks for between two arcs."""
         arcs, say = f"between arcs {number} and {number + 1}", self._progress.console.print
         if self.options.between_arcs == "swap":
             (code,) = programs.stop("controller")
-            say(f"{arcs}: the controller ended ({code}); another starts")
+            say(f"{arcs}: the controller ended ({code}); starting another")
             self.start_controller(programs, number)
         else:
-            say(f"{arcs}: Enter goes on")
+            say(f"{arcs}: press Enter to continue")
             sys.stdin.readline()
 
     def judge(self) -> Figures:
-        """The walk in figures, which are also written into its folder."""
+        """The figures of the walk, which are also written into its folder."""
         figures = figures_of(self.folder / RECORD, self.folder / "journal", self.usage, self.wall)
         (self.folder / "figures.json").write_bytes(
             msgspec.json.format(msgspec.json.encode(figures))

@@ -1,1 +1,1 @@
-"""What was added to the robot later: the programs in `modules` have never heard of these."""
+"""Later additions to the robot. The programs in `modules` do not know them."""

@@ -1,9 +1,9 @@
-"""The battery layer: when the battery runs low collecting is suspended, the robot recharges, and
-collecting goes on.
+"""The battery layer: when the battery runs low, collecting is suspended, the robot recharges, and
+collecting is resumed.
 
-A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so
-then. A robot that does not get to the charger waits and tries again; if that does not help, the
-shift ends.
+A cup in the hand stays there in the meantime. The goal under way is retried and planned for the
+situation at that time. A robot that does not reach the charger waits and tries again. If that does
+not help, the shift ends.
 """
 
 from robots.office_sim.messages import (
@@ -33,10 +33,12 @@ from tca_module import (
 
 PERIOD = 2.0
 LOW = 0.3
-"""Enough for the way to the charger, from anywhere, after all the waits."""
+"""The charge at which to recharge: enough for the way to the charger from anywhere, after all
+waits.
+"""
 
 TRIES, WAIT = 5, 30.0
-"""How often the robot tries to charge, and the seconds in between."""
+"""How often the robot tries to charge, and the seconds between two tries."""
 
 IS_LOW = Query("is battery low", reply=bool)
 RECHARGE = Command("recharge")
@@ -46,7 +48,7 @@ NOT_CHARGED = Failure("not charged")
 
 
 def make_module(pace: float) -> Module:
-    """The module."""
+    """Make the layer's module."""
     layer = Module("battery layer")
     layer.resource("recharging")
 
@@ -77,7 +79,7 @@ def make_module(pace: float) -> Module:
 
     @layer.handles(CHARGE_LATER)
     def charge_later(task: Task) -> None:
-        """Whatever blocks the charger may go away."""
+        """Wait and retry: the obstacle on the way to the charger may disappear."""
         trouble = task.trouble
         assert trouble.attached is not None
         if trouble.invocations >= TRIES:
@@ -91,7 +93,7 @@ def make_module(pace: float) -> Module:
 
 
 def _interrupt(goal: TaskRef) -> None:
-    """Have it begin anew later, if it has begun; the base is at rest then."""
+    """Have a goal that has begun start again later, and wait until the base is at rest."""
     driving = goal.descendants(FOLLOW_PATH)
     info = goal.info()
     if info is not None and "start achieving" in info.reached:

@@ -1,4 +1,4 @@
-"""The layer for grasps that fail: another try or two, then the cup is left alone for a while."""
+"""The layer for failed grasps: one or two retries, then the cup is left alone for a while."""
 
 from robots.office_sim.messages import (
     COLLECT_CUP,
@@ -18,7 +18,7 @@ GIVE_UP_CUP = ExceptionHandler("give up cup")
 
 
 def make_module(_: float) -> Module:
-    """The module."""
+    """Make the layer's module."""
     layer = Module("grasps layer")
 
     @layer.at_start
@@ -33,7 +33,7 @@ def make_module(_: float) -> Module:
 
     @layer.handles(GIVE_UP_CUP)
     def give_up_cup(task: Task) -> None:
-        """The goal is cancelled; while the cup stays in view, there will be another one later."""
+        """Cancel the goal. If the cup stays in view, a later goal collects it."""
         goal = task.trouble.attached
         assert goal is not None
         task.inform(LEAVE_ALONE, goal.data(COLLECT_CUP).number)

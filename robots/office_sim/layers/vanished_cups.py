@@ -1,6 +1,7 @@
-"""The layer for vanished cups: a monitor on each goal, which kills it when its cup is out of view.
+"""The layer for vanished cups: a monitor on each goal, which kills the goal when its cup is out of
+view.
 
-Somebody else has picked up the cup then, unless it is in the robot's own hand.
+A person has then picked up the cup, unless the robot's own hand holds it.
 """
 
 from robots.office_sim.messages import COLLECT_CUP, CUPS_IN_VIEW, HELD_CUP
@@ -9,7 +10,7 @@ from robots.office_sim.vocabulary import Cup
 from tca_module import Command, Condition, Module, PollingMonitor, Query, Task
 
 PERIOD = 1.0
-"""Seconds between two looks whether a cup is still there."""
+"""Seconds between two checks of a cup."""
 
 IS_GONE = Query("is cup gone", Cup, reply=bool)
 CANCEL_GOAL = Command("cancel goal", Cup)
@@ -17,7 +18,7 @@ CUP_GONE = PollingMonitor("cup gone", Cup, condition=IS_GONE, action=CANCEL_GOAL
 
 
 def make_module(pace: float) -> Module:
-    """The module."""
+    """Make the layer's module."""
     layer = Module("vanished cups layer")
 
     @layer.at_start
@@ -26,14 +27,14 @@ def make_module(pace: float) -> Module:
 
     @layer.handles(IS_GONE)
     def is_gone(task: Task, cup: Cup) -> bool:
-        """The arm answers when it is at rest: while it grasps, nobody can know."""
+        """Whether the cup is out of view and not in the hand; the arm answers only at rest."""
         is_in_view = any(seen.number == cup.number for seen in task.query(CUPS_IN_VIEW))
         return not is_in_view and task.query(HELD_CUP) != cup.number
 
     @layer.handles(CANCEL_GOAL)
     def cancel_goal(task: Task, cup: Cup) -> None:
         for goal in task.monitor_ref.ancestors(COLLECT_CUP):
-            goal.kill(f"cup {cup.number} is out of view: somebody else has picked it up")
+            goal.kill(f"cup {cup.number} is out of view: a person has picked it up")
 
     return layer
 

@@ -1,1 +1,1 @@
-"""The programs of the robot: each is a process, and none knows of another."""
+"""The programs of the robot: each is a process, and none knows another."""

@@ -25,10 +25,10 @@ GRASPING, DROPPING = 2.0, 1.0
 """Seconds that the arm needs."""
 
 SETTLING = 0.05
-"""Seconds more than the base should need for its way."""
+"""Seconds that the base gets in addition to the computed duration of its way."""
 
 TOLERANCE = 0.02
-"""Metres that it may be wrong by."""
+"""The allowed position error (m) of the base."""
 
 
 class Hand:
@@ -41,7 +41,7 @@ class Hand:
     def grasp(self, task: Task, cup: Cup) -> None:
         """Grasp a cup. Raises CUP_SLIPPED and NO_CUP_THERE."""
         task.sleep(GRASPING / self._pace)
-        with task.shielded():  # whoever closes the fingers must know what they hold
+        with task.shielded():  # a kill between closing and recording would lose the cup
             closed = task.query(CLOSE_FINGERS, cup.spot)
             if closed is Grasped.CUP:
                 self.held = cup.number
@@ -51,12 +51,12 @@ class Hand:
             raise NO_CUP_THERE(cup, f"the fingers feel no cup {cup.number}")
 
     def drop(self, task: Task) -> None:
-        """Let go of what it holds."""
+        """Let go of the cup in the hand."""
         task.sleep(DROPPING / self._pace)
         self.let_go(task, self.held)
 
     def let_go(self, task: Task, number: int | None) -> None:
-        """Let go at once, if it holds the cup with this number."""
+        """Let go at once, if the hand holds the cup with this number."""
         if self.held == number:
             with task.shielded():
                 task.query(OPEN_FINGERS)
@@ -64,7 +64,7 @@ class Hand:
 
 
 def make_module(pace: float) -> Module:
-    """The module. Base and arm have a resource each."""
+    """Make the module. Base and arm have a resource each."""
     controller, hand = Module("controller"), Hand(pace)
     controller.resource("base")
     controller.resource("arm")
@@ -84,7 +84,7 @@ def follow_path(task: Task, way: list[Spot]) -> None:
     try:
         task.sleep(task.query(DRIVE, way) + SETTLING)
     finally:
-        with task.shielded():  # a killed one, too, leaves the base at rest
+        with task.shielded():  # a killed task, too, leaves the base at rest
             missing = task.query(HALT).to(way[-1])
     if missing > TOLERANCE:
         raise STUCK(missing, f"the robot stands {missing:.2f} m from where it should be")

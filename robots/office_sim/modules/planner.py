@@ -1,4 +1,4 @@
-"""The planner: how a cup gets into the bin, and how the robot gets anywhere."""
+"""The planner: how a cup gets into the bin, and how the robot gets to a place."""
 
 from robots.office_sim.messages import (
     COLLECT_CUP,
@@ -20,7 +20,7 @@ from tca_module import Module, Task
 
 
 def make_module(_: float) -> Module:
-    """The module."""
+    """Make the module."""
     planner = Module("planner")
 
     @planner.handles(COLLECT_CUP)
@@ -34,7 +34,7 @@ def make_module(_: float) -> Module:
 
     @planner.handles(NAVIGATE)
     def navigate(task: Task, wanted: Approach) -> None:
-        """The way is planned when it is time to go, from where the robot is then."""
+        """Plan the way when it is time to drive, from the robot's place at that time."""
         try:
             way = path_to(task.query(FLOOR_PLAN), task.query(ROBOT_SPOT), wanted)
         except NoPath as error:

@@ -1,4 +1,4 @@
-"""Simulates the lab and the robot in it. Nobody else knows them."""
+"""Simulates the lab and the robot in it. No other program has access to them."""
 
 import argparse
 
@@ -20,7 +20,7 @@ from tca_module import Module, Task
 
 
 def make_module(world: OfficeWorld, pace: float) -> Module:
-    """The module. From when the lab is opened, its time passes *pace* times as fast as that of the
+    """Make the module. Once the lab is opened, its time passes *pace* times as fast as that of the
     programs.
     """
     simulator = Module("simulator")
@@ -28,7 +28,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
     simulator.handles(OPEN_LAB)(lambda task: opened.append(task.time()))
 
     def now(task: Task) -> OfficeWorld:
-        """The world as it is now."""
+        """The world at the present time."""
         if opened:
             world.advance((task.time() - opened[0]) * pace)
         return world
@@ -42,7 +42,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
     simulator.handles(CLOSE_FINGERS)(lambda task, spot: now(task).close_fingers(spot))
     simulator.handles(OPEN_FINGERS)(lambda task: now(task).open_fingers())
     simulator.handles(DOCK)(dock)
-    simulator.handles(CAMERA)(lambda task: now(task).look())
+    simulator.handles(CAMERA)(lambda task: now(task).seen_spots())
     simulator.handles(ROBOT_SPOT)(lambda task: now(task).robot)
     simulator.handles(BATTERY)(lambda task: now(task).battery)
     simulator.handles(FLOOR_PLAN)(lambda _: world.floor)
@@ -51,7 +51,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the simulator."""
     parser = argparse.ArgumentParser(
         prog="python -m robots.office_sim.modules.simulator", description=__doc__
     )

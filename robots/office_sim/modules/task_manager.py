@@ -1,4 +1,4 @@
-"""The task manager: as long as the floor is to be kept free, each new cup becomes a goal."""
+"""The task manager: while the floor is kept free, each new cup becomes a goal."""
 
 from robots.office_sim.messages import (
     ADD_CUP,
@@ -15,14 +15,14 @@ from robots.office_sim.vocabulary import Cup
 from tca_module import Module, MonitorRef, Task
 
 PERIOD = 1.0
-"""Seconds between two looks for new cups."""
+"""Seconds between two searches for new cups."""
 
 WHILE = 30.0
 """Seconds for which a cup is left alone."""
 
 
 def make_module(pace: float) -> Module:
-    """The module."""
+    """Make the module."""
     manager = Module("task manager")
     watching: list[MonitorRef[None]] = []
     alone: dict[int, float] = {}
@@ -33,7 +33,7 @@ def make_module(pace: float) -> Module:
 
     @manager.handles(FIND_NEW_CUP)
     def find_new_cup(task: Task) -> Cup | None:
-        """A cup for which there is no goal: the task tree is all that is known of these."""
+        """A cup without a goal. Only the task tree records which cups have goals."""
         known = _cups_with_goals(task) | {
             number for number, until in alone.items() if task.time() < until
         }
@@ -41,7 +41,7 @@ def make_module(pace: float) -> Module:
 
     @manager.handles(ADD_CUP)
     def add_cup(task: Task, cup: Cup) -> None:
-        """Beside the goals that are there, after the last of them."""
+        """Add a goal for the cup after the present goals."""
         if cup.number not in _cups_with_goals(task):
             task.under(task.monitor_ref).goal(COLLECT_CUP, cup)
 

@@ -1,5 +1,5 @@
-"""Vision: finds cups in the pictures of the camera on the ceiling, and knows each of them again in
-the next one.
+"""Vision: finds cups in the pictures of the camera on the ceiling, and recognises each cup in the
+next picture.
 """
 
 from contextlib import suppress
@@ -13,10 +13,10 @@ PERIOD = 0.5
 """Seconds between two pictures."""
 
 NEAR = 0.15
-"""Metres within which what lies in two pictures is the same cup."""
+"""The distance (m) up to which objects in two pictures are the same cup."""
 
 PATIENCE = 3
-"""A cup that is in none of so many pictures is out of view: in one or two it may have been
+"""A cup missing in this number of pictures is out of view. In fewer pictures it may have been
 overlooked.
 """
 
@@ -30,7 +30,7 @@ class CupTracks:
         self._last = 0
 
     def see(self, spots: list[Spot]) -> None:
-        """A picture."""
+        """Process a picture."""
         new = list(spots)
         for number, cup in list(self._cups.items()):
             same = [spot for spot in new if spot.to(cup.spot) <= NEAR]
@@ -45,17 +45,17 @@ class CupTracks:
 
     @property
     def cups(self) -> list[Cup]:
-        """Oldest first."""
+        """The cups in view, oldest first."""
         return list(self._cups.values())
 
 
 def make_module(pace: float) -> Module:
-    """The module."""
+    """Make the module."""
     vision, tracks = Module("vision"), CupTracks()
 
     @vision.every(PERIOD / pace, resource="vision")
-    def look(callback: Callback) -> None:
-        with suppress(Stopped):  # the module ends: nobody asks any more
+    def process_picture(callback: Callback) -> None:
+        with suppress(Stopped):  # the module is ending
             tracks.see(callback.query(CAMERA))
 
     @vision.handles(CUPS_IN_VIEW)

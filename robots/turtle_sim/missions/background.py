@@ -4,8 +4,8 @@ from tca_behaviours.missions import Mission
 
 
 def background(mission: Mission) -> str:
-    """Say which of two places the turtle comes to first; then make sure that it comes to the other,
-    too.
+    """Return which of two places the turtle reaches first; then make sure that it reaches the other
+    one, too.
     """
     left = mission.WaitForROI(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0)
     right = mission.WaitForROI(foreground=False, roi_x=9.0, roi_y=6.0, roi_radius=1.0)

@@ -1,12 +1,10 @@
-"""A mission that something else may interrupt."""
+"""A mission that a condition may interrupt."""
 
 from tca_behaviours.missions import ConditionIsCompleted, ConditionVerified, Mission
 
 
 def interrupted(mission: Mission, goal_x: float = 0.0, goal_y: float = 6.0) -> None:
-    """Go somewhere, unless the turtle comes through a region on its way: then draw a circle there
-    instead.
-    """
+    """Go to a place. If the turtle enters a region on its way, draw a circle there instead."""
     watch = mission.WaitForROI(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0)
     mission.add_condition(ConditionIsCompleted(watch, "ROI detector"))
     try:

@@ -1,4 +1,4 @@
-"""Writes TCA, a letter a pen."""
+"""Writes TCA, each letter with another pen."""
 
 from tca_behaviours.missions import Mission
 

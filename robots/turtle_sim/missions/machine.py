@@ -1,4 +1,4 @@
-"""The patrol as a state machine, with a watch over a part of it."""
+"""The patrol as a state machine that watches for a region during one part."""
 
 from collections.abc import Iterable
 
@@ -9,8 +9,8 @@ POINTS = ((1.0, 9.0), (9.0, 9.0), (9.0, 1.0))
 
 
 def machine(points: Iterable[tuple[float, float]] = POINTS) -> Sequence:
-    """Goes round by some points, but from where it meets the region of interest straight to the
-    middle; for ever.
+    """Patrol some points for ever. When the turtle enters the region of interest, it goes straight
+    to the middle.
     """
     with Sequence("patrol") as sm:
         init = sm.Wait(duration=1.0)

@@ -1,10 +1,10 @@
-"""To and fro between two places."""
+"""A patrol between two places."""
 
 from tca_behaviours.missions import Mission
 
 
 def patrol(mission: Mission) -> None:
-    """For ever, until somebody ends it."""
+    """Go to and fro until the mission is ended."""
     while True:
         mission.Wait(duration=1.0)
         mission.GoTo(goal_x=1.0, goal_y=1.0)

@@ -1,9 +1,9 @@
-"""Three missions with checkpoints: each turtle has a task server and a mission of its own, and sees
-of the others only their statuses. 1 means: I am where I was to go first; 0: I am home (or have not
-begun).
+"""Three missions with checkpoints. Each turtle has a task server and a mission, and sees only the
+statuses of the others.
 
-Each waits until the turtles that must have seen its status have answered it with theirs, before it
-changes it.
+Status 1 means that the turtle is at its first goal; 0 means that it is at home or has not begun.
+Before a turtle changes its status, it waits until the turtles that need to see it have answered
+with theirs.
 """
 
 import sys
@@ -12,7 +12,7 @@ from tca_behaviours.missions import Mission
 
 
 def turtle1(mission: Mission) -> None:
-    """Goes first."""
+    """The first turtle to go."""
     mission.SetStatusSync(status=0)
     mission.GoTo(goal_x=1.0, goal_y=1.0)
     mission.SetStatusSync(status=1)
@@ -23,7 +23,7 @@ def turtle1(mission: Mission) -> None:
 
 
 def turtle2(mission: Mission) -> None:
-    """Goes when turtle 1 is there; goes home when turtle 1 is home."""
+    """Goes when turtle 1 has arrived; goes home when turtle 1 is home."""
     mission.SetStatusSync(status=0)
     mission.WaitForStatusSync(partner="turtle1", status=1)
     mission.GoTo(goal_x=9.0, goal_y=1.0)
@@ -35,7 +35,7 @@ def turtle2(mission: Mission) -> None:
 
 
 def turtle3(mission: Mission) -> None:
-    """Goes when turtle 2 is there; goes home last."""
+    """Goes when turtle 2 has arrived; goes home last."""
     mission.SetStatusSync(status=0)
     mission.WaitForStatusSync(partner="turtle2", status=1)
     mission.GoTo(goal_x=1.0, goal_y=9.0)
@@ -49,5 +49,5 @@ def turtle3(mission: Mission) -> None:
 MISSIONS = {"turtle1": turtle1, "turtle2": turtle2, "turtle3": turtle3}
 
 if __name__ == "__main__":
-    with Mission(sys.argv[1]) as one:
-        MISSIONS[sys.argv[1]](one)
+    with Mission(sys.argv[1]) as mission:
+        MISSIONS[sys.argv[1]](mission)

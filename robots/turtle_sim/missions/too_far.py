@@ -1,10 +1,10 @@
-"""What to do about a task that fails."""
+"""A mission that handles the failure of a task."""
 
 from tca_behaviours.missions import Mission, MissionTaskFailed
 
 
 def too_far(mission: Mission) -> None:
-    """Try to get somewhere in a time that does not suffice; then go where it is near."""
+    """Try to get somewhere in too short a time; then go to a nearer place."""
     try:
         mission.Wait(duration=0.2)
         mission.GoTo(goal_x=11.0, goal_y=11.0, task_timeout=3.0)

@@ -1,1 +1,1 @@
-"""Robots that tell each other how far they are, over a link that loses datagrams."""
+"""Robots that exchange their statuses over a link that loses datagrams."""

@@ -1,11 +1,11 @@
-"""What a robot's tasks need to agree with other robots."""
+"""The environment of tasks that coordinate with other robots."""
 
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.sync.link import StatusLink
 
 
 class SyncEnvironment(TurtleEnvironment):
-    """A turtle with partners, to which it is linked."""
+    """A turtle with a link to its partners."""
 
     def __init__(self, link: StatusLink) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A robot's link to its partners: datagrams (UDP) that may be lost, repeated until they are
+"""A robot's link to its partners: UDP datagrams, which may be lost, are repeated until they are
 acknowledged.
 """
 
@@ -13,24 +13,25 @@ from robots.turtle_sim.sync.statuses import LARGEST, Statuses
 from robots.turtle_sim.sync.team import Team
 
 REPEAT = 0.05
-"""Seconds after which a datagram is sent again that was not acknowledged."""
+"""Seconds after which an unacknowledged datagram is sent again."""
 
 
 class StatusLink:
-    """Tells partners the status of this robot, and knows theirs. Has a thread; may be used from any
-    thread.
+    """Sends the status of this robot to its partners and stores theirs. It has a thread, and may be
+    used from any thread.
 
-    It believes whatever comes from a partner's address: on an open network let the partners talk
+    It trusts every datagram from a partner's address. On an open network, connect the partners
     through a tunnel.
     """
 
     def __init__(self, name: str, team: Team, *, loss: float = 0.0) -> None:
-        """The robot of that name in the *team*; the others are its partners. Of the datagrams that
-        it sends the part *loss* is thrown away, for trials. Raises BadTeam.
+        """Create the link of the robot *name*. The other robots of the *team* are its partners.
+
+        It drops the share *loss* of its own datagrams, for trials. Raises BadTeam.
         """
         if name not in team:
             raise BadTeam(
-                f"'{name}' is not in the team: it is one of {', '.join(team) or 'nobody'}"
+                f"'{name}' is not in the team: its members are {', '.join(team) or 'none'}"
             )
         self._own = team[name]
         self._addresses = {partner: address for partner, address in team.items() if partner != name}
@@ -43,7 +44,7 @@ class StatusLink:
         self.sent = self.lost = 0  #: datagrams
 
     def __enter__(self) -> Self:
-        """Begin to listen. Raises BadTeam if its address can't be had."""
+        """Start to listen. Raises BadTeam if the address is not available."""
         try:
             self._socket.bind(self._own)
         except OSError as error:
@@ -57,7 +58,7 @@ class StatusLink:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop, and tell nobody anything more."""
+        """Stop sending and listening."""
         self._is_closed = True
         self._thread.join()
         self._socket.close()
@@ -65,20 +66,18 @@ class StatusLink:
     # --- statuses ---------------------------------------------------------------------------------
 
     def set_status(self, status: int) -> None:
-        """Change the status of this robot, and tell the partners."""
+        """Change the status of this robot, and send it to the partners."""
         with self._lock:
             self._statuses.set(status)
             self._send_due()
 
     def status(self, partner: str) -> int | None:
-        """The newest that is known of a partner; None before anything was heard. Raises
-        NoSuchPartner.
-        """
+        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
         with self._lock:
             return self._statuses.status(partner)
 
     def words(self, partner: str) -> str:
-        """What is known of a partner, for people. Raises NoSuchPartner."""
+        """Describe a partner's status as text. Raises NoSuchPartner."""
         with self._lock:
             return self._statuses.words(partner)
 
@@ -120,4 +119,4 @@ class StatusLink:
         try:
             self._socket.sendto(datagram, self._addresses[partner])
         except OSError:
-            self.lost += 1  # no way there now: it is repeated
+            self.lost += 1  # unreachable now: it is repeated

@@ -1,14 +1,14 @@
-"""What each of several robots knows of the status of all, and how it gets to know that. Pure: no
-socket, no clock.
+"""The statuses of several robots as one robot knows them, and the protocol that spreads them. Pure:
+no socket, no clock.
 
-Each robot sets its own status, under a version that only grows. A datagram holds all that its
-sender knows, and the receiver takes over what is newer. So a datagram may be lost, doubled or late:
-the next one makes up for it.
+Each robot sets its own status, under a version that only grows. A datagram holds all statuses that
+its sender knows. The receiver stores the newer ones. A datagram may therefore be lost, doubled or
+late: the next one makes up for it.
 
-Two things follow. A robot's own entry in a partner's datagram is the acknowledgement: a robot
-repeats its datagram only to partners that don't know yet what it knows. And news never overtake
-their causes: if turtle 2 set its status because of turtle 1's, then all who have heard of turtle
-2's new status have heard of turtle 1's, too.
+Two things follow. First, a robot's own entry in a partner's datagram is the acknowledgement. A
+robot repeats its datagram only to partners that have not acknowledged all that it knows. Second, a
+status never overtakes its cause. If turtle 2 set its status because of turtle 1's, then every robot
+that knows turtle 2's new status knows turtle 1's, too.
 """
 
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ import msgspec
 from robots.turtle_sim.errors import DamagedDatagram, NoSuchPartner
 
 LARGEST = 8_192
-"""Bytes of a datagram; a longer one is not of ours."""
+"""The greatest number of bytes in a datagram; longer ones are ignored."""
 
 Version = Annotated[int, msgspec.Meta(ge=1, le=2**53)]
 
@@ -34,7 +34,7 @@ class VersionedStatus(
 
 
 class Datagram(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """All that a robot knows; and whether it wants to be told what the receiver knows then."""
+    """All that a robot knows, and whether it wants the receiver's statuses in an answer."""
 
     sender: str
     known: dict[str, VersionedStatus]
@@ -42,28 +42,26 @@ class Datagram(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
 
 
 class Statuses:
-    """One robot's table."""
+    """One robot's table of statuses."""
 
     def __init__(self, name: str, partners: Iterable[str], status: int = 0) -> None:
         self.name = name
         self.partners = tuple(partners)
         self.known = {name: VersionedStatus(1, status)}
-        self._told: dict[str, dict[str, VersionedStatus]] = {
+        self._acknowledged: dict[str, dict[str, VersionedStatus]] = {
             partner: {} for partner in self.partners
         }
         self._other_names: dict[str, str] = {}
 
-    # --- what missions ask ------------------------------------------------------------------------
+    # --- for missions -----------------------------------------------------------------------------
 
     def set(self, status: int) -> None:
-        """Change one's own status."""
+        """Change the robot's own status."""
         self.known[self.name] = VersionedStatus(self.known[self.name].version + 1, status)
 
     def status(self, partner: str) -> int | None:
-        """The newest that is known of a partner; None before anything was heard. Raises
-        NoSuchPartner.
-        """
-        if partner not in self._told:
+        """The newest known status of a partner; None before the first one. Raises NoSuchPartner."""
+        if partner not in self._acknowledged:
             known = ", ".join(self.partners) or "none"
             raise NoSuchPartner(
                 f"'{self.name}' has no partner '{partner}': its partners are {known}"
@@ -71,52 +69,54 @@ class Statuses:
         return self.known[partner].status if partner in self.known else None
 
     def words(self, partner: str) -> str:
-        """What is known of a partner, for people."""
+        """Describe a partner's status as text."""
         if (status := self.status(partner)) is not None:
             return f"the status of '{partner}' is {status}"
         if partner in self._other_names:
-            return f"the robot at the address of '{partner}' calls itself '{self._other_names[partner]}': rename one"
-        return f"nothing was ever heard of '{partner}': does it run, and is its address right?"
+            other = self._other_names[partner]
+            return f"the robot at the address of '{partner}' calls itself '{other}': rename one"
+        return f"'{partner}' has sent nothing: does it run, and is its address right?"
 
     def waiting_for(self) -> list[str]:
-        """The partners who have not acknowledged all that is known here."""
+        """The partners that have not acknowledged all that is known here."""
         return [
-            partner for partner, theirs in self._told.items() if not _covers(theirs, self.known)
+            partner
+            for partner, theirs in self._acknowledged.items()
+            if not _covers(theirs, self.known)
         ]
 
-    # --- what the link asks -----------------------------------------------------------------------
+    # --- for the link -----------------------------------------------------------------------------
 
     def due(self) -> list[tuple[str, bytes]]:
-        """What must be sent (again) now, and to whom."""
+        """The datagrams to send now, first or again, each with its partner."""
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
-        """Take a datagram of a partner; the answer that must be sent at once, if any. Raises
+        """Process a datagram of a partner. Returns the answer to send at once, if any. Raises
         DamagedDatagram.
         """
         try:
             datagram = _DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise DamagedDatagram(f"a datagram of '{partner}' is damaged: {error}") from None
-        self._told[partner] = datagram.known
-        for robot, heard in datagram.known.items():
-            self._merge(robot, heard)
+        self._acknowledged[partner] = datagram.known
+        for robot, received in datagram.known.items():
+            self._merge(robot, received)
         if datagram.sender != partner:
             self._other_names[partner] = datagram.sender
         return self._datagram(partner) if datagram.wants_answer else None
 
-    def _merge(self, robot: str, heard: VersionedStatus) -> None:
+    def _merge(self, robot: str, received: VersionedStatus) -> None:
         mine = self.known.get(robot)
-        if mine is not None and heard <= mine:
+        if mine is not None and received <= mine:
             return
-        if (
-            robot == self.name and mine is not None
-        ):  # from before this robot was started anew: go on above that
-            heard = VersionedStatus(heard.version + 1, mine.status)
-        self.known[robot] = heard
+        if robot == self.name and mine is not None:
+            # This robot was restarted. Its versions continue above the old ones.
+            received = VersionedStatus(received.version + 1, mine.status)
+        self.known[robot] = received
 
     def _datagram(self, partner: str) -> bytes:
-        wants_answer = not _covers(self._told[partner], self.known)
+        wants_answer = not _covers(self._acknowledged[partner], self.known)
         return _ENCODER.encode(Datagram(self.name, self.known, wants_answer))
 
 

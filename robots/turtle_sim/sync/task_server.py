@@ -12,21 +12,21 @@ from tca_behaviours.missions import TaskServer
 
 
 def main() -> None:
-    """Serve until told to end."""
+    """Serve until the program is stopped."""
     parser = argparse.ArgumentParser(description="The task server of one turtle of a team.")
-    parser.add_argument("name", help="of the turtle")
-    parser.add_argument("team", help="the file with the addresses of all")
+    parser.add_argument("name", help="name of the turtle")
+    parser.add_argument("team", help="the file with the addresses of all turtles")
     parser.add_argument(
         "--rate", type=float, default=10.0, help="iterations a second (default: %(default)s)"
     )
     parser.add_argument(
-        "--loss", type=float, default=0.0, help="part of its datagrams to throw away, for trials"
+        "--loss", type=float, default=0.0, help="share of its datagrams to drop, for trials"
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     try:
-        with StatusLink(given.name, load_team(given.team), loss=given.loss) as link:
+        with StatusLink(options.name, load_team(options.team), loss=options.loss) as link:
             TaskServer(
-                given.name, SyncEnvironment(link), TASKS_OF_TEAMS, folder=TASKS, rate=given.rate
+                options.name, SyncEnvironment(link), TASKS_OF_TEAMS, folder=TASKS, rate=options.rate
             ).run()
             print(f"{link.sent:,} datagrams sent, {link.lost:,} of them lost")
     except BadTeam as error:

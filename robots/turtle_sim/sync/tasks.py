@@ -8,15 +8,15 @@ from tca_behaviours.missions import OnceTask, PeriodicTask, Status, parameter
 class SetStatusSync(OnceTask[SyncEnvironment]):
     """Change the status that the partners see."""
 
-    status: int = parameter(description="The new status; what it means, the missions agree on")
+    status: int = parameter(description="The new status; the missions agree on its meaning")
 
     def iterate(self) -> None:
-        """Tell the partners; the link repeats it until each has acknowledged."""
+        """Send the status to the partners. The link repeats it until each has acknowledged it."""
         self.env.link.set_status(self.status)
 
 
 class WaitForStatusSync(PeriodicTask[SyncEnvironment]):
-    """Wait until a partner has a status. It must keep it until this is over."""
+    """Wait until a partner has a status. The partner must hold it until this task ends."""
 
     partner: str = parameter(description="Name of the partner")
     status: int = parameter(description="The status to wait for")
@@ -29,7 +29,7 @@ class WaitForStatusSync(PeriodicTask[SyncEnvironment]):
             raise self.failed(str(error)) from None
 
     def iterate(self) -> Status:
-        """Look what is known."""
+        """Check the partner's known status."""
         if self.env.link.status(self.partner) == self.status:
             return Status.COMPLETED
         self.report(f"waits for status {self.status}: {self.env.link.words(self.partner)}")
@@ -37,4 +37,4 @@ class WaitForStatusSync(PeriodicTask[SyncEnvironment]):
 
 
 TASKS_OF_TEAMS = (SetStatusSync, WaitForStatusSync)
-"""What a turtle of a team can do beside what any turtle can."""
+"""The additional tasks of a turtle in a team."""

@@ -1,4 +1,4 @@
-"""The robots that know of each other, and where each is reached: a file with a line for each.
+"""The robots of a team and their addresses: a file with a line for each.
 
 ::
 
@@ -18,14 +18,14 @@ Team = dict[str, Address]
 
 
 def free_team(*names: str) -> Team:
-    """A team on this machine, at ports that nobody has now: for shows and tests."""
+    """A team on this machine, at free ports, for shows and tests."""
     with ExitStack() as stack:
         sockets = [
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names
         ]
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return dict(zip(names, (one.getsockname() for one in sockets), strict=True))
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return dict(zip(names, (each.getsockname() for each in sockets), strict=True))
 
 
 def save_team(team: Team, path: Path) -> None:
@@ -34,7 +34,7 @@ def save_team(team: Team, path: Path) -> None:
 
 
 def load_team(path: Path | str) -> Team:
-    """Read a team's file, with the hosts' numbers for their names. Raises BadTeam."""
+    """Read a team's file, and resolve the host names. Raises BadTeam."""
     try:
         lines = tomllib.loads(Path(path).read_text())
     except (OSError, ValueError) as error:
@@ -43,13 +43,14 @@ def load_team(path: Path | str) -> Team:
 
 
 def address_of(name: str, text: object) -> Address:
-    """Where the robot of that name is reached. Raises BadTeam."""
+    """Parse the address of the robot *name*. Raises BadTeam."""
     host, _, port = text.rpartition(":") if isinstance(text, str) else ("", "", "")
     if not host or not port.isdecimal() or int(port) >= 2**16:
         raise BadTeam(
-            f"the address of '{name}' is HOST:PORT, as in {name} = \"127.0.0.1:7500\", not {text!r:.60}"
+            f"the address of '{name}' is HOST:PORT, as in {name} = \"127.0.0.1:7500\","
+            f" not {text!r:.60}"
         )
     try:
         return socket.gethostbyname(host), int(port)
     except OSError as error:
-        raise BadTeam(f"there is no host '{host}', where '{name}' should be: {error}") from None
+        raise BadTeam(f"the host '{host}' of '{name}' does not exist: {error}") from None

@@ -1,1 +1,1 @@
-"""The tasks of a turtle, a file each: the task server offers whatever stands here."""
+"""The tasks of a turtle, a file each. The task server offers every task in this folder."""

@@ -8,7 +8,7 @@ from tca_behaviours.missions import OnceTask, parameter
 
 @dataclass
 class Header:
-    """An argument that is more than a number or a text."""
+    """An example of a parameter that is more than a number or a text."""
 
     frame_id: str = ""
     stamp: float = 0.0
@@ -17,10 +17,10 @@ class Header:
 class Clear(OnceTask[TurtleEnvironment]):
     """Wipe the sheet."""
 
-    header: Header | None = parameter(None, "Where the wish comes from")
+    header: Header | None = parameter(None, "Origin of the request")
 
     def iterate(self) -> None:
-        """Tell the turtle."""
+        """Have the turtle's sheet wiped."""
         if self.header is not None:
             self.report(f"got an extra header, frame_id={self.header.frame_id}")
         self.env.clear(self.task)

@@ -12,16 +12,16 @@ class Constant(PeriodicTask[TurtleEnvironment]):
     angular: float = parameter(0.0, "Radians a second, to the left")
 
     def initialise(self) -> None:
-        """Look at the clock."""
+        """Record the start time."""
         self._began = self.task.time()
 
     def iterate(self) -> Status:
-        """Say it again: the turtle forgets a command after a second."""
+        """Repeat the command, because the turtle forgets it after a second."""
         if self.task.time() - self._began >= self.duration:
             return Status.COMPLETED
         self.env.publish_velocity(self.task, self.linear, self.angular)
         return Status.RUNNING
 
     def terminate(self) -> None:
-        """Stand still."""
+        """Stop the turtle."""
         self.env.publish_velocity(self.task, 0.0, 0.0)

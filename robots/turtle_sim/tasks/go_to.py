@@ -19,7 +19,7 @@ class GoTo(PeriodicTask[TurtleEnvironment]):
     )
 
     def iterate(self) -> Status:
-        """Turn on the spot until the goal is about ahead; then drive there."""
+        """Turn on the spot until the goal is roughly ahead; then drive there."""
         pose = self.env.pose
         distance = hypot(self.goal_y - pose.y, self.goal_x - pose.x)
         if distance < self.dist_threshold:
@@ -35,5 +35,5 @@ class GoTo(PeriodicTask[TurtleEnvironment]):
         return Status.RUNNING
 
     def terminate(self) -> None:
-        """Stand still."""
+        """Stop the turtle."""
         self.env.publish_velocity(self.task, 0.0, 0.0)

@@ -16,11 +16,11 @@ class Rotate(PeriodicTask[TurtleEnvironment]):
     )
 
     def initialise(self) -> None:
-        """Keep what is left to turn, and where the turtle looks."""
+        """Store the remaining angle and the heading."""
         self._left, self._theta = self.angle, self.env.pose.theta
 
     def iterate(self) -> Status:
-        """Turn on; slower towards the end."""
+        """Continue the turn, slower towards its end."""
         theta = self.env.pose.theta
         self._left -= remainder(theta - self._theta, tau)
         self._theta = theta
@@ -32,5 +32,5 @@ class Rotate(PeriodicTask[TurtleEnvironment]):
         return Status.RUNNING
 
     def terminate(self) -> None:
-        """Stand still."""
+        """Stop the turtle."""
         self.env.publish_velocity(self.task, 0.0, 0.0)

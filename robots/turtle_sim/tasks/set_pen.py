@@ -6,7 +6,7 @@ from tca_behaviours.missions import OnceTask, parameter
 
 
 class SetPen(OnceTask[TurtleEnvironment]):
-    """Take another pen, or lift it."""
+    """Change the pen, or lift it."""
 
     on: bool = parameter(True, "Whether the pen is down")
     r: int = parameter(0, "Red", minimum=0, maximum=255)
@@ -15,5 +15,5 @@ class SetPen(OnceTask[TurtleEnvironment]):
     width: int = parameter(2, "Width of its lines", minimum=1, maximum=50)
 
     def iterate(self) -> None:
-        """Tell the turtle."""
+        """Have the turtle change its pen."""
         self.env.set_pen(self.task, Pen(self.r, self.g, self.b, self.width, self.on))

@@ -14,7 +14,7 @@ class WaitForROI(PeriodicTask[TurtleEnvironment]):
     roi_radius: float = parameter(1.0, "Its radius", minimum=0)
 
     def iterate(self) -> Status:
-        """Look where the turtle is."""
+        """Check the turtle's pose."""
         pose = self.env.pose
         is_inside = hypot(pose.x - self.roi_x, pose.y - self.roi_y) < self.roi_radius
         return Status.COMPLETED if is_inside else Status.RUNNING
