@@ -91,7 +91,7 @@ class MachineRun:
         assert end is not None
         ending = ending_of(end.status)
         words = f"{state.label} {_WORDS[ending]}"
-        self._chart.note_end(state, ending)
+        self._chart.record_end(state, ending)
         return f"{words}: {end.text}" if end.text and ending != "completed" else words
 
     def _entered(self, state: MachineState) -> None:

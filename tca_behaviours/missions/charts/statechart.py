@@ -32,7 +32,7 @@ class Statechart(LibraryChart[MachineState]):
         definition |= {f"end_{ending}": {"final": True} for ending in ENDINGS}
         self._compile(definition)
 
-    def note_end(self, state: MachineState, ending: Ending) -> None:
+    def record_end(self, state: MachineState, ending: Ending) -> None:
         """The task of an active state has ended: leave the state, and enter those that follow."""
         self.send(_event(self._names[state], ending))
 
