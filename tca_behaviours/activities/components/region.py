@@ -121,7 +121,7 @@ class Region:
         """Leave states up to the one around both ends, and enter those down to the target. The
         region is whole whatever an exit or entry function raises: still there, or there already.
         """
-        staying = arrow.around
+        staying = arrow.shared_containers
         for state in self.active:
             if state not in staying and state.exit is not None:
                 state.exit()

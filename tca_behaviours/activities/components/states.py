@@ -40,7 +40,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         if self.exit is not None:
             yield f"exit: {name_of(self.exit)}"
 
-    def ways(self) -> Iterator[ChartArrow]:
+    def chart_arrows(self) -> Iterator[ChartArrow]:
         """The transitions that lead out of it, as data: a line for the event, and for each
         condition.
         """
@@ -98,7 +98,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         needs = [needs] if isinstance(needs, str) else list(needs)
         if not (on or when or needs):
             raise MisuseError(f"{self!r} would go to {target!r} at once: add on, when or needs")
-        self.lead(RegionTransition(self, target, on, when, needs))
+        self.add_arrow(RegionTransition(self, target, on, when, needs))
 
 
 class RegionTransition(Arrow[RegionState]):

@@ -56,19 +56,19 @@ class Coordination(BlockMachine[AuthoredState]):
         """A state with an activity; or one without, which waits for an event."""
         check(f"state {label!r:.60}", _ACTIVITY_OR_NONE, activity=activity)
         kind = StateKind.WAIT if activity is None else StateKind.ACTIVITY
-        return self._added(AuthoredState(kind, label, self._place(label), activity))
+        return self._register(AuthoredState(kind, label, self._place(label), activity))
 
     def final(self, label: str) -> AuthoredState:
         """The end of the compound in which it is written, which is done then; outside of any, that
         of the machine.
         """
-        return self._added(AuthoredState(StateKind.FINAL, label, self._place(label)))
+        return self._register(AuthoredState(StateKind.FINAL, label, self._place(label)))
 
     def compound(self, label: str) -> AuthoredState:
         """A state that holds those that are written inside its ``with`` block. Its arrows apply in
         all of them, but for those for "done": they are taken when a final state inside is reached.
         """
-        return self._added(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
+        return self._register(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
 
     # --- the whole --------------------------------------------------------------------------------
 

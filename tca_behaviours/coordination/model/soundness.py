@@ -8,7 +8,7 @@ from math import fsum
 from tca_behaviours.coordination.model.activities import Agent
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredState
-from tca_behaviours.statecharts.soundness import arrows_of, check_arrows, check_no_circle
+from tca_behaviours.statecharts.soundness import arrows_of, check_arrows, check_no_cycle
 from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import StateKind
 from tca_wire.text.measures import counted, listed
@@ -35,7 +35,7 @@ def _check_events(state: AuthoredState) -> None:
     """
     events = {arrow.event for arrow in state.arrows}
     match state.kind:
-        case StateKind.FINAL if state is next(state.around()).children[0]:
+        case StateKind.FINAL if state is next(state.containers()).children[0]:
             raise UnsoundMachine(
                 f"the final state {state!r} comes first, so nothing is done: write it after others"
             )
@@ -104,7 +104,7 @@ def _check_ends(leaves: list[AuthoredState]) -> None:
     for ever.
     """
     ends = [leaf for leaf in leaves if leaf.kind is StateKind.FINAL]
-    check_no_circle(
+    check_no_cycle(
         {end: [to for arrow in arrows_of(end) if (to := arrow.target.leaf) in ends] for end in ends}
     )
 

@@ -54,7 +54,7 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         check(f"{self!r}.to(...)", LABEL, on=on)
         name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
         model = None if likelihood is None else as_model(likelihood)
-        return self.lead(AuthoredArrow(self, target, on, when, name, model))
+        return self.add_arrow(AuthoredArrow(self, target, on, when, name, model))
 
 
 class AuthoredArrow(Arrow[AuthoredState]):

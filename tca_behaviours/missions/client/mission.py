@@ -225,10 +225,7 @@ class BaseMission:
         with below.parallel():  # only the program orders the tasks of a mission
             sent = below.execute_if_handled(command, data)
         if sent is None:
-            raise NotOffered(
-                f"no server offers {command.name} any more: start its server; "
-                "'tca messages' lists all"
-            )
+            raise NotOffered(f"no server offers {command.name} any more: start its server")
         handle = TaskHandle(name, sent, self._forget)
         self._running[handle.id] = handle
         if self._steps is not None:
@@ -262,7 +259,7 @@ class BaseMission:
         return task.result()
 
     def _finish(self, task: TaskHandle) -> None:
-        """Wait for the end of a task in the foreground, and stop it if the wait ends with an error."""
+        """Wait for the end of a foreground task, and stop it if the wait ends with an error."""
         try:
             self._wait([task], None, in_foreground=[task])
         except CentralLost:
@@ -449,16 +446,17 @@ class BaseMission:
         Args:
             name: The step's name, unique in the mission.
             function: A task of the mission, or any function that returns plain data.
-            args, parameters: What it is called with.
+            *args: Its arguments.
+            **parameters: Its keyword arguments.
 
         Returns:
             The value of the function.
 
         Raises:
-            StepUncertain: The step was under way when the program died, unless it was one task that
-                completed.
-            MisuseError: The mission has no checkpoint, the name was used before, or the value can't
-                be stored.
+            StepUncertain: The program died during the step. A step that is one completed task is
+                done.
+            MisuseError: The mission has no checkpoint, the name was used, or the value can't be
+                stored.
 
         Example::
 

@@ -193,7 +193,7 @@ class MissionGoal:
     # --- handlers: they run in threads of the module ----------------------------------------------
 
     def _handle_failure(self, task: Task) -> None:
-        """End a task of the mission when it, or a task below it, has failed. The mission continues."""
+        """End a task of the mission after a failure in it or below it. The mission continues."""
         trouble, failing, top = task.trouble, task.trouble.failing, self._top
         if top is None or failing.id == top.id:
             raise trouble.reissue()

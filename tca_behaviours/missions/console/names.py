@@ -44,7 +44,7 @@ class ConsoleNames:
             self._show(f"{handle} {handle.end_in_words}")
 
     def help(self, task: Any = None) -> None:
-        """Explain a task and its parameters: ``help(GoTo)``. Without a task, explain the console."""
+        """Explain a task and its parameters: ``help(GoTo)``. Without a task: list the names."""
         if task is None:
             self._show(
                 "index() lists the tasks, status() the running ones, help(TASK) explains one."
