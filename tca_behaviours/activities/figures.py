@@ -1,6 +1,4 @@
-"""Reports of an application, from its schedule: how it is allocated, what was measured, and what
-analysis says.
-"""
+"""Reports of an application, from its schedule: allocation, measurements, analysis."""
 
 from collections.abc import Sequence
 
@@ -16,13 +14,13 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
-"""Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
+"""How long a late tick overrules the analysis: in seconds and in periods; the longer counts."""
 
 
 def allocation_report(
     application: str, policy: str, is_running: bool, schedule: Schedule
 ) -> reports.AllocationReport:
-    """How the activities are allocated."""
+    """The allocation of the activities."""
     processors = [
         reports.ProcessorEntry(
             one.name, one.priority, one.period, [_entry(each) for each in one.activities]
@@ -36,7 +34,7 @@ def allocation_report(
 def application_figures(
     application: str, running_for: float, now: float, schedule: Schedule
 ) -> reports.ApplicationFigures:
-    """What was measured, and what analysis says."""
+    """The measurements, and the results of the analysis."""
     demands = [
         demand for one in schedule.processors if (demand := _demands(one.activities)) is not None
     ]
@@ -63,7 +61,7 @@ def application_figures(
 
 
 def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
-    """None while one is not known."""
+    """The demands of activities; None while an execution time is unknown."""
     known = [Demand(one.name, one.period, one.cost) for one in activities if one.cost is not None]
     return known if len(known) == len(activities) else None
 
@@ -75,16 +73,16 @@ def _entry(one: ScheduledActivity) -> reports.ActivityEntry:
 
 
 def _activity(one: ScheduledActivity) -> reports.ActivityFigures:
-    did, left_out = one.execution, one.release.left_out
+    execution, left_out = one.execution, one.release.left_out
     return reports.ActivityFigures(
         one.name,
-        did.ticks,
+        execution.ticks,
         one.release.missed - left_out,
         left_out,
-        did.errors,
-        did.error,
-        did.mean,
-        did.longest,
+        execution.errors,
+        execution.error,
+        execution.mean,
+        execution.longest,
         one.times.response,
         one.times.jitter,
     )
@@ -93,7 +91,7 @@ def _activity(one: ScheduledActivity) -> reports.ActivityFigures:
 def _processor(
     schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float
 ) -> reports.ProcessorFigures:
-    """Measurement overrules analysis, unless the last late tick was long ago."""
+    """The figures of a processor. A recent late tick overrules the analysis."""
     jitter = max((each.times.jitter for each in one.activities), default=0.0)
     margin = one.period - bound if bound is not None else None
     verdict = bound is not None if is_known else None

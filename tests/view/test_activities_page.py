@@ -197,7 +197,7 @@ def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(
         page.get_by_role("button", name="stop").click()
         for one in (page, second):
             expect(one.locator("#status")).to_have_text("stopped")
-        page.get_by_role("button", name="begin anew").click()
+        page.get_by_role("button", name="initialise").click()
         expect(second.get_by_text("disabled", exact=True)).to_have_attribute("aria-current", "true")
         page.get_by_role("button", name="start").click()
         expect(second.locator("#status")).to_have_text("running")

@@ -1,6 +1,7 @@
-"""A model as a picture, in the language of Graphviz: the instances with their connections; then
-each component with its ports, and its regions side by side. A dot leads to the state that is
-entered first.
+"""A model as a picture, in the language of Graphviz.
+
+It shows the instances with their connections, then each component with its ports and, side by side,
+its regions. A dot leads to the state that is entered first.
 """
 
 from collections.abc import Iterator
@@ -31,16 +32,16 @@ def _instances(model: ApplicationModel) -> Iterator[str]:
         yield f'{numbers[name]} [style=filled, fillcolor="#e3edf7", label=<{"<br/>".join(lines)}>];'
     yield "}"
     for connection in model.connections:
-        (sending, output), (taking, input_) = connection.source, connection.target
+        (sender, output), (receiver, input_) = connection.source, connection.target
         ports = output if output == input_ else f"{output} to {input_}"
-        yield f'{numbers[sending]} -> {numbers[taking]} [label=" {ports}"];'
+        yield f'{numbers[sender]} -> {numbers[receiver]} [label=" {ports}"];'
 
 
 # --- components -----------------------------------------------------------------------------------
 
 
 def _chart(model: ApplicationModel) -> MachineChart:
-    """Components hold regions, and these their states."""
+    """All components as one chart: components contain regions, and regions contain states."""
     states: list[ChartState] = []
     arrows: list[ChartArrow] = []
     for component, kind in model.components.items():
