@@ -5,15 +5,15 @@ Pure: it depends only on names, periods and execution times.
 A processor is schedulable if each tick ends within one period of the processor after it was due.
 The processor's period is the least of its activities. In the worst case all activities are due at
 once. Then a processor is done after its own execution times, and those of all activities of a
-higher priority that are due until then. So the bound is the least R that solves
+higher priority that are due until then. The bound is the least solution R, up to its period, of
 
     R = B + sum of its own execution times
-          + sum over activities of higher priority: ceil(R / period) * execution time
+          + sum over activities of higher priority: ceil(R / period) * execution time.
 
-up to its period. If processors preempt each other at once, B is 0 and the bound is exact. If they
-switch only between activities, B is the longest execution time of a lower priority, which may just
-have begun. Then the bound is safe, but need not be reached. Only execution times count: neither the
-switching nor other programs do.
+If processors preempt each other at once, B is 0 and the bound is exact. If they switch only between
+activities, B is the longest execution time of a lower priority, which may just have begun. Then the
+bound is safe, but need not be reached. Only execution times count: neither the switching nor other
+programs do.
 """
 
 import math
@@ -115,10 +115,11 @@ def automatic(activities: Sequence[Demand]) -> Allocation:
     """Allocate the activities to the fewest processors that are schedulable.
 
     Activities come in rate-monotonic order: the shortest period first. Each joins the processor of
-    the one before it, unless that would not be schedulable any more. No other way to cut this order
-    into processors needs fewer: a processor that starts later in the order has a longer period, and
-    the same activities before it. An activity that is not schedulable alone gets a processor of its
-    own.
+    the one before it, unless that would not be schedulable any more. An activity that is not
+    schedulable alone gets a processor of its own.
+
+    No other way to cut this order into processors needs fewer. A processor that starts later in the
+    order has a longer period, and the same activities before it.
     """
     # The sort is stable: equal periods stay in the order of subscription.
     order = sorted(activities, key=lambda activity: activity.period)

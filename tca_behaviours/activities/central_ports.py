@@ -51,7 +51,7 @@ def publish(
 ) -> None:
     """Connect an output port with a message: its values are sent.
 
-    The module sends them once a period, so that no tick waits for central. Of a variable it sends
+    The module sends them once a period, so that no tick waits for central. For a variable it sends
     only the newest value. Up to 1000 values wait while the module does not run. While central is
     away, the newest value of a variable waits. Informs and broadcasts are lost then, and the module
     logs that.

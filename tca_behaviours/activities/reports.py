@@ -63,7 +63,7 @@ class ActivityFigures(msgspec.Struct, frozen=True):
 class ProcessorFigures(msgspec.Struct, frozen=True):
     """The figures of a processor since the last change of the allocation, and its analysis.
 
-    Results of the analysis are None while an execution time is neither declared nor measured.
+    The analysis yields None while an execution time is neither declared nor measured.
     """
 
     name: str

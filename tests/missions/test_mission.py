@@ -404,7 +404,7 @@ def test_without_a_server_a_mission_does_not_begin() -> None:
         with Mission(central=central) as mission:  # there is only one
             assert mission.server == "rover"
         with TaskServer("other", Rover(), tasks=TASKS, central=central).running():
-            with pytest.raises(MisuseError, match="several servers offer tasks: .*; name one"):
+            with pytest.raises(MisuseError, match=r"several servers offer tasks: .*; name one"):
                 Mission(central=central).open()
     with LocalCentral() as empty, pytest.raises(NotOffered, match="no server offers tasks"):
         Mission(central=empty, patience=0).open()

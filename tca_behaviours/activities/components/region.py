@@ -1,7 +1,7 @@
-"""A running region: one leaf state is active, and a tick makes at most one transition.
+"""A running region: one leaf state is active.
 
-So the execution time of a tick is bounded (decision 95). Events wait in the region until a tick
-processes them.
+A tick makes at most one transition, so that its execution time is bounded (decision 95). Events
+wait in the region until a tick processes them.
 """
 
 from collections import deque

@@ -30,7 +30,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         return f"'{self.region}.{self.label}'"
 
     def lines(self) -> Iterator[str]:
-        """What the state does, a line for each function."""
+        """A line for each function that the state calls."""
         if self.activity is not None:
             yield f"{name_of(self.activity)} {every(self.period, self.estimate)}"
         if self.entry is not None:

@@ -23,9 +23,9 @@ KINDS = (".svg", ".png", ".pdf", ".dot")
 def generate(model: Path, output: Path | None) -> None:
     """Write the Python of an application of periodic activities, or draw it.
 
-    MODEL is a TOML file of components, ports, regions, states and activities. These files go into
-    its folder: generated.py and application.py, which are overwritten each time; and a file for
-    each component, which is written only once and is yours to edit.
+    MODEL is a TOML file of components, ports, regions, states and activities. Its folder gets
+    generated.py and application.py, which are overwritten each time. It also gets a file for each
+    component, which is written only once and is yours to edit.
 
     The exit code is 2 when the model is wrong.
     """

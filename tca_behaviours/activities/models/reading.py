@@ -1,4 +1,4 @@
-"""Reads the file of a model. Errors say where the file is wrong, what is wrong, and what to do."""
+"""Reads the file of a model. An error names the place, the problem and the remedy."""
 
 import re
 import sys

@@ -20,7 +20,7 @@ def activities(
 
     NAME is the name of the application; it may be left out if central knows only one. The printed
     address carries a key. With it you can allocate activities, change periods and priorities, and
-    use the application's buttons. With --host the page is read-only, for everyone who has the
+    use the application's buttons. With --host the page is read-only, for all users who have the
     address. The page is served until you press Ctrl-C.
     """
     with extra("view", "tca activities"):

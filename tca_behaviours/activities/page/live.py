@@ -127,8 +127,8 @@ class LiveApplication:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        """Check regularly whether central and the application are there, and publish what is
-        missing.
+        """Check regularly whether central and the application are there, and publish the problem if
+        not.
         """
         while not self._stopped.is_set():
             try:

@@ -195,7 +195,7 @@ class Schedule:
         return self.processors[-1]
 
     def activity(self, name: str) -> ScheduledActivity:
-        """The activity of that name. Raises MisuseError if there is none."""
+        """The activity of that name. Raises MisuseError if it does not exist."""
         check_known("there is no activity", name, self.activities)
         return self.activities[name]
 

@@ -8,7 +8,7 @@ from tca_behaviours.activities.processing.ticking import tick
 
 
 def declared(activity: StateActivity) -> float:
-    """The declared execution time; 0 if there is none."""
+    """The declared execution time; 0 without a declaration."""
     return activity.estimate or 0.0
 
 

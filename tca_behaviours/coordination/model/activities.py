@@ -94,8 +94,8 @@ class Activity:
         progress: Converts a progress report of its tasks to a number in [0, 1]. Needed if their
             messages do not report such numbers.
         undo: Tasks that restore what it has changed.
-        adapt: Makes the data of a task that runs early, from the task's data, a share of full
-            speed, and a rank: its place in the preview list.
+        adapt: Makes the data of a task that runs early. Its arguments are the task's data, a share
+            of full speed, and a rank: the place in the preview list.
 
     Raises:
         MisuseError: It has no task, or an argument does not fit.

@@ -1,7 +1,7 @@
 """A machine as a flat probabilistic automaton: its states are leaves, its arrows have likelihoods.
 
-The arrows of a state are evaluated on first use, once in a situation. So a preview evaluates only
-the states that it visits.
+The arrows of a state are evaluated on first use, once in a situation: a preview evaluates only the
+states that it visits.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class LikelyArrow(NamedTuple):
 
 
 class Automaton(Protocol):
-    """What a preview reads of a machine. A state is the number of a leaf, as in the chart."""
+    """The part of a machine that a preview reads. A state is a leaf's number, as in the chart."""
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
         """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""

@@ -49,7 +49,7 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
     ) -> "AuthoredArrow":
         """Add an arrow to another state.
 
-        Of several arrows for one event, the first whose guard holds is taken.
+        If several arrows have the same event, the first whose guard holds is taken.
 
         Args:
             target: The state that follows, or its label.

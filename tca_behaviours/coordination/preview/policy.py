@@ -44,10 +44,10 @@ Utility = Callable[[Candidate], float]
 
 
 def expected_gain(candidate: Candidate) -> float:
-    """The expected gain of an activity that runs early.
+    """The expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C + D)``.
 
-    With the probability p of its path, the progress b of the activity before, its own progress x,
-    its cost C, and the cost D of undoing it, it is ``p * b - (1 - p) * (1 - x) * (C + D)``.
+    p is the probability of its path, b the progress of the activity before, x its own progress. C
+    is its cost, and D the cost of undoing it.
     """
     gain = candidate.probability * candidate.progress_before
     loss = (

@@ -1,6 +1,6 @@
 """The preview list: the most probable path from a state to the next steady one.
 
-The search extends the most probable path first (Dijkstra). So the first path that reaches a steady
+The search extends the most probable path first (Dijkstra), so the first path that reaches a steady
 state is the most probable of all. If each state has one likely arrow, it visits hardly any other
 state.
 """
@@ -21,10 +21,10 @@ _BELOW_1 = checks.number("0 or more, and less than 1", 0, nextafter(1, 0))
 
 @dataclass(frozen=True)
 class PreviewLimits:
-    """Where a preview ends.
+    """The limits of a preview.
 
-    A state is *steady*, and ends a preview, if the machine probably stays in it. That is so if 1
-    minus the sum of its likelihoods is *final* or more, or if none of its likelihoods exceeds
+    A *steady* state ends a preview: the machine probably stays in it. A state is steady if 1 minus
+    the sum of its likelihoods is *final* or more, or if none of its likelihoods exceeds
     *transition*.
 
     Args:
@@ -54,7 +54,7 @@ _NO_LIMITS = PreviewLimits()
 class _Path:
     """A path to a state: the arrow that enters it last, and the path before that.
 
-    The probability of a path of thousands of states is below the least float. So it is stored as a
+    The probability of a path of thousands of states is below the least float, so it is stored as a
     mantissa and an exponent.
     """
 
@@ -107,14 +107,14 @@ def most_likely(
 ) -> list[Foreseen]:
     """The most probable path from a state to the first steady state on it, which is included.
 
-    It is empty if the state itself is steady. A path of *horizon* states ends there. Of equally
+    It is empty if the state itself is steady. A path of *horizon* states ends there. Among equally
     probable paths, the shortest comes first, then the one whose arrows are written first. If no
     steady state can be reached, it follows the likeliest arrow of each state until a state repeats.
 
     Args:
         automaton: The machine in its present situation.
         state: The current leaf.
-        limits: Where the preview ends.
+        limits: The limits of the preview.
 
     Returns:
         The foreseen states, the next one first.

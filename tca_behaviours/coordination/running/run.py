@@ -1,7 +1,7 @@
 """One run of a machine: it receives changes and events, and starts and stops activities.
 
-All of it runs in the thread that handles the coordinator's task. That waits for the next event;
-then the machine advances as far as it can, and a new preview is computed.
+All of it runs in the thread that handles the coordinator's task. The thread waits for the next
+event. Then the machine advances as far as it can, and a new preview is computed.
 """
 
 from collections import deque
@@ -81,7 +81,7 @@ class CoordinationRun:
         self._task.wake()
 
     def until_end(self) -> CoordinationEnd:
-        """Run the machine to its end. Whatever happens, no task that it has started runs on."""
+        """Run the machine to its end. No task that it has started outlives it."""
         try:
             for variable in self._machine.variables:
                 self._variables[variable.name] = self._task.get_variable(variable, None)

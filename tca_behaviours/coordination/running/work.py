@@ -157,7 +157,7 @@ class StartedActivity:
             task.update(data)
 
     def request_end(self, why: str, kill_at: float) -> None:
-        """Ask its tasks to end. Those that have not ended at *kill_at* are killed."""
+        """Ask its tasks to end. Tasks that have not ended at *kill_at* are killed."""
         if self.kill_at is None and not self.is_over:
             self.kill_at = kill_at
             for task in self.tasks:

@@ -5,8 +5,8 @@ One thread runs the machine and waits for its tasks. If a kill, Ctrl-C, or an er
 all its tasks are stopped.
 
 The machine is itself a task: a command that this process handles. Its data is the machine's
-structure; its progress is the active states. So it stands in the tree with its tasks below it, can
-be watched, cancelled and killed, and ends if the process dies.
+structure; its progress is the active states. It stands in the tree with its tasks below it, can be
+watched, cancelled and killed, and ends if the process dies.
 """
 
 from collections.abc import Callable
@@ -63,7 +63,7 @@ class MachineRun:
         self._stopping: list[TaskHandle] = []
 
     def until_end(self) -> MachineEnd:
-        """Run the machine to its end. Whatever happens, no task that it has started runs on."""
+        """Run the machine to its end. No task that it has started outlives it."""
         try:
             self._chart.begin()
             text = ""

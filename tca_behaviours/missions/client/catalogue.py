@@ -1,6 +1,6 @@
-"""The tasks that one server offers.
+"""The tasks of a server, as a mission knows them.
 
-A mission reads them again only after central has reported a change of handlers.
+They are read again only after central has reported a change of handlers.
 """
 
 import contextlib

@@ -1,12 +1,7 @@
-"""The errors of missions.
+"""The errors of missions. All are TcaErrors.
 
-TcaError                (of the library)
-├── MissionTaskFailed   a task failed, was interrupted, or took too long
-├── ConditionVerified   a condition interrupted what the mission waited for (conditions.py)
-├── NotOffered          no server offers the task, or none does any more
-│   └── UnknownTask     the server offers no task of that name (also an AttributeError)
-├── BadParameter        a parameter does not fit (also a ValueError)
-└── StepUncertain       a step was under way when the mission's process ended
+UnknownTask is a NotOffered, and also an AttributeError. BadParameter is also a ValueError.
+ConditionVerified is in conditions.py.
 """
 
 from collections.abc import Sequence
@@ -53,8 +48,8 @@ class BadParameter(TcaError, ValueError):
 class StepUncertain(TcaError):
     """Step *step* was under way when the mission's process ended.
 
-    *outcomes* has a pair for each task that the step had started: the task and its state, such as
-    "completed", "is running" or "is unknown to central".
+    *outcomes* has a pair for each task that the step had started. It names the task and its state,
+    such as "completed", "is running" or "is unknown to central".
     """
 
     def __init__(self, step: str, outcomes: Sequence[tuple[str, str]]) -> None:

@@ -514,8 +514,8 @@ class BaseMission:
         self._conditions.append(condition)
 
     def clear_conditions(self) -> None:
-        """Remove all conditions. Stop the tasks of those with ``stop_on_clear``, and wait for their
-        ends.
+        """Remove all conditions. Stop their tasks, except with ``stop_on_clear=False``, and wait
+        for the ends.
 
         Raises Timeout if one does not end.
         """

@@ -68,8 +68,8 @@ class MissionGoal:
     """The module of a mission, and the goal that it handles until the mission ends.
 
     When the process dies, the goal fails with "module lost", and central kills the tasks below it.
-    The module also handles the failures of the mission's tasks: it kills a task that fails. So the
-    task stays *failed*, the mission gets an exception, and the program decides what to do.
+    The module also handles the failures of the mission's tasks: it kills a task that fails. The
+    task stays *failed* then, the mission gets an exception, and the program decides what to do.
     """
 
     def __init__(

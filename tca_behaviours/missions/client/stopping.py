@@ -1,4 +1,4 @@
-"""Stops the tasks of a mission, waits for their ends, and warns of those that do not end."""
+"""Stops the tasks of a mission, waits for their ends, and warns of tasks that hang."""
 
 import time
 from collections.abc import Sequence
@@ -81,7 +81,7 @@ class Stopping:
                 self._warn([task], "has failed" if info.failure else "was stopped")
 
     def forget(self, task: TaskHandle) -> None:
-        """Drop what is stored of a task that has ended."""
+        """Remove the records of a task that has ended."""
         self.hung.pop(task.id, None)
         self._stopped_since.pop(task.id, None)
         self._warned.discard(task.id)

@@ -10,8 +10,9 @@ class Environment:
     dimensions.
 
     *lock* allows one task at a time. The server holds it during ``initialise``, ``iterate`` and
-    ``terminate`` of a task, except during ``iterate`` of a OnceTask: that takes it where it needs
-    it, with ``with self.env.lock:``. ``self.sleep()`` releases the server's hold until it returns.
+    ``terminate`` of a task. The ``iterate`` of a OnceTask is an exception: it takes the lock where
+    it needs it, with ``with self.env.lock:``. ``self.sleep()`` releases the server's hold until it
+    returns.
 
     Example::
 

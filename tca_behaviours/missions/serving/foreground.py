@@ -64,7 +64,7 @@ class Foreground:
         publish_wait("")
 
     def forget(self, task: Task) -> None:
-        """Drop what is stored of a task whose run has ended."""
+        """Remove the record of a task whose run has ended."""
         with self._lock:
             self._late.pop(task.id, None)
 
