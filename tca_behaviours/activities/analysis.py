@@ -34,12 +34,12 @@ class Demand(NamedTuple):
 
 def period(processor: Sequence[Demand]) -> float:
     """The period of a processor: the least of its activities."""
-    return min(one.period for one in processor)
+    return min(activity.period for activity in processor)
 
 
 def utilisation(activities: Sequence[Demand]) -> float:
     """The share of time that activities need."""
-    return sum(one.cost / one.period for one in activities)
+    return sum(activity.cost / activity.period for activity in activities)
 
 
 def response_bounds(
@@ -51,8 +51,12 @@ def response_bounds(
     """
     bounds = []
     for number, processor in enumerate(processors):
-        higher = [one for each in processors[:number] for one in each]
-        lower = [] if preemptive else [one for each in processors[number + 1 :] for one in each]
+        higher = [activity for each in processors[:number] for activity in each]
+        lower = (
+            []
+            if preemptive
+            else [activity for each in processors[number + 1 :] for activity in each]
+        )
         bounds.append(response_bound(processor, higher, lower))
     return bounds
 
@@ -66,10 +70,14 @@ def response_bound(
     preempted.
     """
     limit = period(processor) * (1 + _EXACT)
-    own = max((one.cost for one in lower), default=0.0) + sum(one.cost for one in processor)
-    bound = own + sum(one.cost for one in higher)
+    own = max((activity.cost for activity in lower), default=0.0) + sum(
+        activity.cost for activity in processor
+    )
+    bound = own + sum(activity.cost for activity in higher)
     while bound <= limit:
-        found = own + sum(math.ceil(bound / one.period - _EXACT) * one.cost for one in higher)
+        found = own + sum(
+            math.ceil(bound / activity.period - _EXACT) * activity.cost for activity in higher
+        )
         if found <= bound * (1 + _EXACT):
             return bound
         bound = found
@@ -103,12 +111,12 @@ Policy = Callable[[Sequence[Demand]], Allocation]
 
 def one_for_all(activities: Sequence[Demand]) -> Allocation:
     """Allocate all activities to one processor, in the given order."""
-    return {"all": [one.name for one in activities]}
+    return {"all": [activity.name for activity in activities]}
 
 
 def one_each(activities: Sequence[Demand]) -> Allocation:
     """Allocate each activity to a processor of its own, with its name."""
-    return {one.name: [one.name] for one in activities}
+    return {activity.name: [activity.name] for activity in activities}
 
 
 def automatic(activities: Sequence[Demand]) -> Allocation:
@@ -133,5 +141,6 @@ def automatic(activities: Sequence[Demand]) -> Allocation:
             groups.append([activity])
             start = place
     return {
-        f"processor {number}": [one.name for one in group] for number, group in enumerate(groups, 1)
+        f"processor {number}": [activity.name for activity in group]
+        for number, group in enumerate(groups, 1)
     }

@@ -208,9 +208,9 @@ class Application:
         check("move()", _POSITION, position=position)
         with self._by_hand() as schedule:
             now = self._baton.clock()
-            one = schedule.activity(activity)
+            scheduled = schedule.activity(activity)
             schedule.put(
-                one,
+                scheduled,
                 schedule.processor(processor) or schedule.new_processor(processor, now),
                 now,
                 position,
@@ -283,7 +283,7 @@ class Application:
     def _demands(self, policy: Policy) -> list[Demand]:
         with self._baton.lock:
             activities = list(self._baton.schedule.activities.values())
-            costs = {one.name: one.cost for one in activities}
+            costs = {activity.name: activity.cost for activity in activities}
         unknown = [name for name, cost in costs.items() if cost is None]
         if unknown and policy is automatic:
             raise MisuseError(

@@ -80,17 +80,16 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
         yield from call(8, f"self.{port} = self.input(", arguments)
     for port, kind in component.outputs.items():
         yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
-    for region, one in component.regions.items():
-        yield from call(
-            8, f"self.{region} = self.region(", [literal(region), *_times(one.period, one.estimate)]
-        )
+    for region, settings in component.regions.items():
+        arguments = [literal(region), *_times(settings.period, settings.estimate)]
+        yield from call(8, f"self.{region} = self.region(", arguments)
     for region in component.regions:
         yield f"        self._write_{region}()"
-    for region, one in component.regions.items():
+    for region, settings in component.regions.items():
         yield ""
         yield f"    def _write_{region}(self) -> None:"
         yield f"        region = self.{region}"
-        yield from _region(one)
+        yield from _region(settings)
     for method in distinct(component):
         yield ""
         yield "    @abstractmethod"
@@ -101,8 +100,8 @@ def _region(region: RegionModel) -> Iterator[str]:
     if region.transitions or any(state.inside for state in region.states):
         yield "        states = region.states"
     for state in ordered(region.states):
-        around = f"states[{literal(state.inside)}]" if state.inside else "region"
-        yield from call(8, f"{around}.state(", _state(state))
+        container = f"states[{literal(state.inside)}]" if state.inside else "region"
+        yield from call(8, f"{container}.state(", _state(state))
     for transition in region.transitions:
         arguments = [f"states[{literal(transition.target)}]"]
         if transition.on:
@@ -199,13 +198,15 @@ def application(model: ApplicationModel, package: str) -> Iterator[str]:
         yield from imported(f"{package}{file_of(kind)}", [kind])
     yield from imported(
         f"{package}generated",
-        [f"{one.component}Data" for one in model.instances.values() if one.data],
+        [f"{instance.component}Data" for instance in model.instances.values() if instance.data],
     )
     yield from _class("", "Components", f"The components of {title}.")
     yield ""
     yield "    def __init__(self) -> None:"
-    for name, one in model.instances.items():
-        yield from call(8, f"self.{name} = {one.component}(", _made(name, one))
+    for name, instance in model.instances.items():
+        yield from call(
+            8, f"self.{name} = {instance.component}(", _instance_arguments(name, instance)
+        )
     yield from call(
         8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]"
     )
@@ -233,11 +234,11 @@ if __name__ == "__main__":
     main()"""
 
 
-def _made(name: str, one: InstanceModel) -> Iterator[str]:
+def _instance_arguments(name: str, instance: InstanceModel) -> Iterator[str]:
     yield literal(name)
-    if one.data:
-        values = ", ".join(f"{field}={literal(value)}" for field, value in one.data.items())
-        yield f"lambda: {one.component}Data({values})"
+    if instance.data:
+        values = ", ".join(f"{field}={literal(value)}" for field, value in instance.data.items())
+        yield f"lambda: {instance.component}Data({values})"
 
 
 # --- layout: as formatters lay it out, whatever their line length ---------------------------------

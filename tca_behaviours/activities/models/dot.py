@@ -26,9 +26,9 @@ def model_dot(model: ApplicationModel) -> str:
 def _instances(model: ApplicationModel) -> Iterator[str]:
     numbers = {name: f"i{number}" for number, name in enumerate(model.instances)}
     yield f"subgraph cluster_instances {{ graph [label=<<b>{text(model.name)}</b>>, style=invis];"
-    for name, one in model.instances.items():
-        values = [small(f"{field} = {value}") for field, value in one.data.items()]
-        lines = [f"<b>{text(name)}</b>  {small(one.component)}", *values]
+    for name, instance in model.instances.items():
+        values = [small(f"{field} = {value}") for field, value in instance.data.items()]
+        lines = [f"<b>{text(name)}</b>  {small(instance.component)}", *values]
         yield f'{numbers[name]} [style=filled, fillcolor="#e3edf7", label=<{"<br/>".join(lines)}>];'
     yield "}"
     for connection in model.connections:
@@ -47,11 +47,13 @@ def _chart(model: ApplicationModel) -> MachineChart:
     for component, kind in model.components.items():
         outer = len(states)
         states.append(ChartState(component, StateKind.ALL, lines=list(_ports(kind))))
-        for region, one in kind.regions.items():
+        for region, settings in kind.regions.items():
             states.append(
-                ChartState(region, StateKind.COMPOUND, outer, every(one.period, one.estimate))
+                ChartState(
+                    region, StateKind.COMPOUND, outer, every(settings.period, settings.estimate)
+                )
             )
-            first, chart = len(states), region_of(region, one).chart
+            first, chart = len(states), region_of(region, settings).chart
             arrows += [
                 ChartArrow(way.source + first, way.target + first, way.symbol)
                 for way in chart.arrows

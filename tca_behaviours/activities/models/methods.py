@@ -40,10 +40,12 @@ def methods(component: ComponentModel) -> Iterator[Method]:
     for name, region in component.regions.items():
         for state in region.states:
             yield from _of_state(name, state)
-        for number, one in enumerate(region.transitions, 1):
-            if one.when:
-                about = f"Whether '{name}' may go from '{one.source}' to '{one.target}'."
-                yield Method(one.when, GUARD, f"regions.{name}.transitions.{number}", about)
+        for number, transition in enumerate(region.transitions, 1):
+            if transition.when:
+                about = (
+                    f"Whether '{name}' may go from '{transition.source}' to '{transition.target}'."
+                )
+                yield Method(transition.when, GUARD, f"regions.{name}.transitions.{number}", about)
 
 
 def _of_state(region: str, state: StateModel) -> Iterator[Method]:

@@ -61,7 +61,7 @@ def _check_transition(
         other, _, state = need.partition(".")
         at = f"{place}.needs '{need}'"
         check_known(at, "region", other, regions)
-        check_known(at, "state", state, [one.name for one in regions[other].states])
+        check_known(at, "state", state, [known.name for known in regions[other].states])
 
 
 def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:

@@ -105,18 +105,18 @@ class Baton:
         for thread in self._leaving:
             if thread is not threading.current_thread():
                 thread.join(_PATIENCE)
-                if thread.is_alive() and (one := self.schedule.ticked):
-                    _LOG.warning("stop() waits for a tick of activity '%s'", one.name)
+                if thread.is_alive() and (activity := self.schedule.ticked):
+                    _LOG.warning("stop() waits for a tick of activity '%s'", activity.name)
                 thread.join()
 
     def work(self, own: ActivityProcessor) -> None:
         """Tick the activities of one processor; the main function of its thread."""
         with self.lock:
             while self._wait_for_turn(own):
-                one = self.schedule.begin(own.processor, self.clock())
+                activity = self.schedule.begin(own.processor, self.clock())
                 self.lock.release()
                 try:
-                    error = tick(one.activity)
+                    error = tick(activity.activity)
                 finally:
                     self.lock.acquire()
                 self.schedule.end(self.clock(), error)

@@ -81,7 +81,9 @@ class Processor:
     def due(self) -> float:
         """When its next activity is due."""
         if self._due is None:
-            self._due = min((one.release.due for one in self.activities), default=math.inf)
+            self._due = min(
+                (activity.release.due for activity in self.activities), default=math.inf
+            )
         return self._due
 
     def invalidate_due(self) -> None:
@@ -111,8 +113,8 @@ class Schedule:
 
     def start(self, now: float) -> None:
         """Make all activities due."""
-        for one in self.activities.values():
-            one.release = Period(now, one.period)
+        for activity in self.activities.values():
+            activity.release = Period(now, activity.period)
         for processor in self.processors:
             processor.round.clear()
             processor.load = Load(now)
@@ -123,7 +125,7 @@ class Schedule:
         for processor in self.processors:
             if processor.round or processor.due <= now + _EXACT:
                 return ProcessorTurn(processor, now)
-        earliest = min(self.processors, key=lambda one: one.due, default=None)
+        earliest = min(self.processors, key=lambda processor: processor.due, default=None)
         if earliest is None or earliest.due == math.inf:
             return None
         return ProcessorTurn(earliest, earliest.due)
@@ -132,7 +134,9 @@ class Schedule:
         """Begin the next tick on a processor whose turn it is. Returns its activity."""
         if not processor.round:
             processor.round.extend(
-                one for one in processor.activities if one.release.due <= now + _EXACT
+                activity
+                for activity in processor.activities
+                if activity.release.due <= now + _EXACT
             )
         self.ticked, self._ticking, self._began = processor.round.popleft(), processor, now
         self._release = self.ticked.release
@@ -140,19 +144,19 @@ class Schedule:
 
     def end(self, now: float, error: str = "") -> None:
         """End the tick."""
-        one, processor = self.ticked, self._ticking
-        assert one is not None
+        activity, processor = self.ticked, self._ticking
+        assert activity is not None
         due, took = self._release.due, now - self._began
-        self._release.next(now, one.period)
-        one.execution.add(took, error)
-        one.times.add(due, self._began, now)
+        self._release.next(now, activity.period)
+        activity.execution.add(took, error)
+        activity.times.add(due, self._began, now)
         processor.ticks += 1
         processor.times.add(due, self._began, now)
         processor.load.add(now, took)
         processor.overruns += now - due > processor.period + _EXACT
         self.ticked = None
-        if one.processor is not None:
-            one.processor.invalidate_due()
+        if activity.processor is not None:
+            activity.processor.invalidate_due()
 
     def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
         """The last tick of a processor whose response time exceeds a limit: one that has ended, or
@@ -187,7 +191,7 @@ class Schedule:
 
     def processor(self, name: str) -> Processor | None:
         """The processor of that name, if any."""
-        return next((one for one in self.processors if one.name == name), None)
+        return next((each for each in self.processors if each.name == name), None)
 
     def new_processor(self, name: str, now: float) -> Processor:
         """Add a processor without activities."""
@@ -200,45 +204,49 @@ class Schedule:
         return self.activities[name]
 
     def put(
-        self, one: ScheduledActivity, processor: Processor, now: float, position: int | None = None
+        self,
+        activity: ScheduledActivity,
+        processor: Processor,
+        now: float,
+        position: int | None = None,
     ) -> None:
         """Move an activity to a processor, or within it: to the end, or to a position.
 
         An activity that was on no processor is due at once; otherwise its due times stay.
         """
-        if one.processor is None:
-            one.release = Period(now, one.period)
+        if activity.processor is None:
+            activity.release = Period(now, activity.period)
         else:
-            self.unassign(one)
+            self.unassign(activity)
         place = (
             len(processor.activities)
             if position is None
             else min(position, len(processor.activities))
         )
-        processor.activities.insert(place, one)
-        one.processor = processor
+        processor.activities.insert(place, activity)
+        activity.processor = processor
 
-    def unassign(self, one: ScheduledActivity) -> None:
+    def unassign(self, activity: ScheduledActivity) -> None:
         """Remove an activity from its processor."""
-        if (processor := one.processor) is not None:
-            processor.activities.remove(one)
-            if one in processor.round:
-                processor.round.remove(one)
-            one.processor = None
+        if (processor := activity.processor) is not None:
+            processor.activities.remove(activity)
+            if activity in processor.round:
+                processor.round.remove(activity)
+            activity.processor = None
 
-    def set_period(self, one: ScheduledActivity, seconds: float, now: float) -> None:
+    def set_period(self, activity: ScheduledActivity, seconds: float, now: float) -> None:
         """Change the period of an activity. It counts from the last tick; a tick that is due stays
         due.
         """
-        check(f"activity '{one.name}'", _PERIOD, period=seconds)
-        if seconds < (takes := one.activity.estimate or 0.0):
+        check(f"activity '{activity.name}'", _PERIOD, period=seconds)
+        if seconds < (takes := activity.activity.estimate or 0.0):
             raise MisuseError(
-                f"activity '{one.name}' takes {duration(takes)}: "
+                f"activity '{activity.name}' takes {duration(takes)}: "
                 f"its period can't be {duration(seconds)}"
             )
-        one.period = seconds
-        if one is not self.ticked:
-            one.release.change(now, seconds)
+        activity.period = seconds
+        if activity is not self.ticked:
+            activity.release.change(now, seconds)
 
     def update_order(self) -> None:
         """Update the processors after a change.
@@ -246,9 +254,9 @@ class Schedule:
         Processors without activities are removed, the others are sorted, and measurements start
         again.
         """
-        self.processors = [one for one in self.processors if one.activities]
+        self.processors = [processor for processor in self.processors if processor.activities]
         for processor in self.processors:
-            processor.period = min(one.period for one in processor.activities)
+            processor.period = min(activity.period for activity in processor.activities)
         # The sort is stable: among equal processors the older one goes first.
         self.processors.sort(key=lambda processor: (-processor.priority, processor.period))
         for processor in self.processors:

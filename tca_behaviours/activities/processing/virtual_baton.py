@@ -60,8 +60,8 @@ class VirtualBaton:
         end = self._now + seconds
         while self.is_running and (turn := self.schedule.next_turn(self._now)) and turn.at < end:
             self._now = max(self._now, turn.at)
-            one = self.schedule.begin(turn.processor, self._now)
-            error = tick(one.activity)
-            self._now += self._cost(one.activity)
+            activity = self.schedule.begin(turn.processor, self._now)
+            error = tick(activity.activity)
+            self._now += self._cost(activity.activity)
             self.schedule.end(self._now, error)
         self._now = max(self._now, end)

@@ -153,8 +153,8 @@ def as_model(likelihood: Likelihood) -> LikelihoodModel:
     return likelihood if isinstance(likelihood, LikelihoodModel) else Computed(likelihood)
 
 
-def checked_likelihood(likelihood: Any, what: str) -> float:
+def checked_likelihood(likelihood: Any, subject: str) -> float:
     """The likelihood as a number in [0, 1], without rounding errors. Raises UnsoundMachine."""
     if not isinstance(likelihood, int | float) or not -_ROUNDING <= likelihood <= 1 + _ROUNDING:
-        raise UnsoundMachine(f"{what} must be a number in [0, 1], not {likelihood!r:.60}")
+        raise UnsoundMachine(f"{subject} must be a number in [0, 1], not {likelihood!r:.60}")
     return min(max(float(likelihood), 0.0), 1.0)

@@ -47,9 +47,9 @@ class Situation:
         return None if value is None or isnan(value) else min(max(float(value), 0.0), 1.0)
 
 
-def check_confidence(variable: Variable[Any], what: str) -> None:
+def check_confidence(variable: Variable[Any], subject: str) -> None:
     """Raise MisuseError if a variable holds neither a number nor a bool."""
     if json.loads(variable.data.schema or "{}").get("type") not in ("boolean", "integer", "number"):
         raise MisuseError(
-            f"{what} needs a variable of bool or float: {variable.title} holds {variable.data}"
+            f"{subject} needs a variable of bool or float: {variable.title} holds {variable.data}"
         )

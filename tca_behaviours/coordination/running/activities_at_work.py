@@ -83,16 +83,16 @@ class ActivitiesAtWork:
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
         """The state of the run in a machine state. *is_new*: no decision was made in it yet."""
         work = [
-            EarlyWork(one.state, _phase(one), one.progress, one.share)
-            for one in self._ahead.values()
+            EarlyWork(each.state, _phase(each), each.progress, each.share)
+            for each in self._ahead.values()
         ]
         work += [
-            EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share)
-            for one in self._stopping
+            EarlyWork(each.state, WorkPhase.STOPPING, each.progress, each.share)
+            for each in self._stopping
         ]
         if self._restoring is not None:
             work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
-        spoilt = frozenset().union(*(one.spoilt for one in self._spoilers))
+        spoilt = frozenset().union(*(each.spoilt for each in self._spoilers))
         is_done = self.current is not None and self.current.is_done
         return Present(state, dict(self._actual.known), situation, is_done, is_new, work, spoilt)
 
@@ -120,9 +120,9 @@ class ActivitiesAtWork:
         """
         if unmet := self._plain.unmet(activity):
             return unmet
-        others = [one for one in self._all() if not one.is_over]
+        others = [each for each in self._all() if not each.is_over]
         if self._restoring is not None or any(
-            one.state == state or one.conflicts_with(activity) for one in others
+            each.state == state or each.conflicts_with(activity) for each in others
         ):
             return ""
         if (spoiler := self._to_undo(activity)) is not None:
@@ -211,7 +211,7 @@ class ActivitiesAtWork:
         self.wasted += len(work.tasks)
         self._set_role(work, TaskRole.WASTED)
         work.spoilt = set(work.activity.makes)
-        self._spoilers = [*(one for one in self._spoilers if one.spoilt), work]
+        self._spoilers = [*(each for each in self._spoilers if each.spoilt), work]
 
     def _to_undo(self, activity: Activity) -> StartedActivity | None:
         """The newest wasted work that must be undone before an activity, if any.
@@ -227,11 +227,11 @@ class ActivitiesAtWork:
 
     def _undoable(self) -> Iterator[StartedActivity]:
         """Wasted work that can be undone, the newest first."""
-        return (one for one in reversed(self._spoilers) if one.activity.undo and one.spoilt)
+        return (each for each in reversed(self._spoilers) if each.activity.undo and each.spoilt)
 
     def _undo(self, spoiler: StartedActivity) -> None:
         """Start to undo wasted work, unless running work conflicts with that."""
-        if any(one.conflicts_with(_undoing(spoiler)) for one in self._all()):
+        if any(each.conflicts_with(_undoing(spoiler)) for each in self._all()):
             return
         work = StartedActivity(
             spoiler.state,
@@ -315,9 +315,9 @@ class ActivitiesAtWork:
     def kill_due(self) -> float | None:
         """The time at which the next stopped task is killed, if any."""
         waited = [
-            one.kill_at
-            for one in self._all()
-            if one.kill_at is not None and not (one.is_over or one.is_killed)
+            each.kill_at
+            for each in self._all()
+            if each.kill_at is not None and not (each.is_over or each.is_killed)
         ]
         return min(waited, default=None)
 

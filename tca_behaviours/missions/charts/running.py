@@ -106,8 +106,8 @@ class MachineRun:
             self._stopping.append(task)
 
     def _wait_for_stopped(self, timeout: float | None = None) -> None:
-        while left := [task for task in self._stopping if task.end is None]:
-            if not self._mission.first_ended(left, timeout):
+        while remaining := [task for task in self._stopping if task.end is None]:
+            if not self._mission.first_ended(remaining, timeout):
                 break
         self._stopping.clear()
 

@@ -65,32 +65,38 @@ class _Search:
                 f"{state!r}: {named(foreground)} would run in the foreground at the same time, "
                 "and stop each other: give foreground=False to the tasks of all but one"
             )
-        left = {branch: self.exits(branch) for branch in state.children}
-        for branch, exits in left.items():
+        exits_of = {branch: self.exits(branch) for branch in state.children}
+        for branch, exits in exits_of.items():
             if any(exits.values()):
                 raise UnsoundMachine(
                     f"{branch!r} may end before any task in it has run, and would end {state!r}"
                 )
-        found = {exit_ for branch, exits in left.items() for exit_ in exits if exit_ is not branch}
-        if state.kind is StateKind.ALL and not all("completed" in exits for exits in left.values()):
+        found = {
+            exit_ for branch, exits in exits_of.items() for exit_ in exits if exit_ is not branch
+        }
+        if state.kind is StateKind.ALL and not all(
+            "completed" in exits for exits in exits_of.values()
+        ):
             found.discard("completed")
         return dict.fromkeys(found, False)
 
     def _one_at_a_time(self, state: MachineState) -> Exits:
-        left = {child: self.exits(child) for child in state.children}
-        follow = {child: [to for to in exits if to in left] for child, exits in left.items()}
+        exits_of = {child: self.exits(child) for child in state.children}
+        follow = {
+            child: [to for to in exits if to in exits_of] for child, exits in exits_of.items()
+        }
         reached = all_reached(state.children[0], follow.__getitem__)
-        check_all_reached([child for child in left if child not in reached])
+        check_all_reached([child for child in exits_of if child not in reached])
         idle = {
-            child: [to for to, is_idle in exits.items() if is_idle and to in left]
-            for child, exits in left.items()
+            child: [to for to, is_idle in exits.items() if is_idle and to in exits_of]
+            for child, exits in exits_of.items()
         }
         check_no_cycle(idle)
         at_once = all_reached(state.children[0], idle.__getitem__)
         found: Exits = {}
-        for child, exits in left.items():
+        for child, exits in exits_of.items():
             for to, is_idle in exits.items():
-                if to not in left:
+                if to not in exits_of:
                     found[to] = found.get(to, False) or (is_idle and child in at_once)
         return found
 

@@ -301,12 +301,12 @@ class BaseMission:
         Raises as ``wait_for_task``: MissionTaskFailed as soon as one of them did not complete.
         """
         until = None if timeout is None else time.monotonic() + timeout
-        left = list(tasks)
-        while left:
+        remaining = list(tasks)
+        while remaining:
             ended = self.wait_for_any_task(
-                left, None if until is None else max(0.0, until - time.monotonic())
+                remaining, None if until is None else max(0.0, until - time.monotonic())
             )
-            left.remove(ended)
+            remaining.remove(ended)
         return [task.result() for task in tasks]
 
     def first_ended(
@@ -341,11 +341,11 @@ class BaseMission:
         until = None if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
             self._raise_verified(in_foreground)
-            left = None if until is None else until - time.monotonic()
-            if left is not None and left <= 0:
+            remaining = None if until is None else until - time.monotonic()
+            if remaining is not None and remaining <= 0:
                 return [task for task in tasks if task.is_over]
             if not self._wait_for_event(
-                tasks, CHECK_PERIOD if left is None else min(left, CHECK_PERIOD)
+                tasks, CHECK_PERIOD if remaining is None else min(remaining, CHECK_PERIOD)
             ):
                 self._stopping.warn_of_hung(tasks)
         self._goal.check(ask=any(task.is_interrupted for task in ended))

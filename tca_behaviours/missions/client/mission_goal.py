@@ -115,10 +115,10 @@ class MissionGoal:
                 raise _NameTakenError
 
         def begin(task: Task, _: MissionInfo) -> LaterReply[None]:
-            begun.append(mine := (task.id, task.reply_later()))
-            if begun[0] is not mine:
+            begun.append(own := (task.id, task.reply_later()))
+            if begun[0] is not own:
                 raise MISSION_FAILED(text=_TOGETHER)
-            return mine[1]
+            return own[1]
 
         module.at_start(check_name)
         # With one slot a second goal would wait for the end of the first. With two it is refused.
@@ -199,9 +199,9 @@ class MissionGoal:
             raise trouble.reissue()
         # Kill it rather than resolve the failure: a task killed after its failure counts as failed.
         failing.kill("it has failed, and the mission continues")
-        above = list(itertools.takewhile(lambda one: one.id != top.id, failing.ancestors()))
-        if above:  # the failing task is below the mission's own task: fail that, too
-            above[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
+        ancestors = list(itertools.takewhile(lambda task: task.id != top.id, failing.ancestors()))
+        if ancestors:  # the failing task is below the mission's own task: fail that, too
+            ancestors[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
 
     def _update_handlers(self, _: Task, count: HandlerCount) -> None:
         if count.handlers:

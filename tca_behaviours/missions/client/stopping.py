@@ -23,11 +23,13 @@ class Stopping:
 
     def stop(self, tasks: Sequence[TaskHandle], why: str) -> None:
         """Stop tasks, and wait until they have terminated. Raises Timeout."""
-        left = _wait_for_all([task for task in tasks if task.stop(why)], _PATIENCE)
-        self._warn(left, "was stopped")
-        if left := _wait_for_all(left, _STOPS_WITHIN - _PATIENCE):
-            self._remember_hung(left)
-            raise Timeout(f"{_names(left)} did not end within {_STOPS_WITHIN:g} s of being stopped")
+        remaining = _wait_for_all([task for task in tasks if task.stop(why)], _PATIENCE)
+        self._warn(remaining, "was stopped")
+        if remaining := _wait_for_all(remaining, _STOPS_WITHIN - _PATIENCE):
+            self._remember_hung(remaining)
+            raise Timeout(
+                f"{_names(remaining)} did not end within {_STOPS_WITHIN:g} s of being stopped"
+            )
 
     def stop_after(self, error: BaseException, tasks: Sequence[TaskHandle], why: str) -> None:
         """Stop tasks because of *error*, which the caller raises afterwards.
@@ -61,10 +63,10 @@ class Stopping:
             self._remember_hung(tasks)
             raise
         finally:
-            if self.hung and (left := _not_ended(tasks)):
+            if self.hung and (remaining := _not_ended(tasks)):
                 self._log.warning(
                     "the mission ends without waiting any longer for %s: still running",
-                    _names(left),
+                    _names(remaining),
                 )
 
     def warn_of_hung(self, tasks: Sequence[TaskHandle]) -> None:
@@ -86,10 +88,10 @@ class Stopping:
         self._stopped_since.pop(task.id, None)
         self._warned.discard(task.id)
 
-    def _warn(self, tasks: Sequence[TaskHandle], what: str) -> None:
+    def _warn(self, tasks: Sequence[TaskHandle], event: str) -> None:
         for task in tasks:
             self._warned.add(task.id)
-            self._log.warning("waits for %s, which %s and does not return", task, what)
+            self._log.warning("waits for %s, which %s and does not return", task, event)
 
     def _remember_hung(self, tasks: Sequence[TaskHandle]) -> None:
         self.hung |= {task.id: task for task in _not_ended(tasks)}
@@ -98,11 +100,11 @@ class Stopping:
 def _wait_for_all(tasks: Sequence[TaskHandle], seconds: float) -> list[TaskHandle]:
     """Wait until all tasks have ended, at most *seconds*. Returns those that have not."""
     until = time.monotonic() + seconds
-    while left := _not_ended(tasks):
-        ended = wait_for_any([task.sent for task in left], max(0.0, until - time.monotonic()))
+    while remaining := _not_ended(tasks):
+        ended = wait_for_any([task.sent for task in remaining], max(0.0, until - time.monotonic()))
         if not ended:
-            return left
-        for task in left:
+            return remaining
+        for task in remaining:
             if task.sent in ended:
                 task.record_end()
     return []

@@ -101,11 +101,11 @@ def _method(task: OfferedTask) -> str:
 
 
 def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
-    for one in task.parameters:
-        if one.name == "foreground":
+    for parameter in task.parameters:
+        if parameter.name == "foreground":
             yield f"foreground: {foreground}"
-        elif is_identifier(one.name):
-            yield f"{one.name}: {_annotation(one)}"
+        elif is_identifier(parameter.name):
+            yield f"{parameter.name}: {_annotation(parameter)}"
 
 
 def _annotation(parameter: TaskParameter) -> str:

@@ -74,8 +74,8 @@ class TaskFinder:
             if isinstance(self._environment, environment_of(task)):
                 self._try(task, where)
 
-    def _leave_out(self, what: str, error: BaseException) -> None:
-        self._log.error("%s left out: %s: %s", what, type(error).__name__, error, exc_info=error)
+    def _leave_out(self, subject: str, error: BaseException) -> None:
+        self._log.error("%s left out: %s: %s", subject, type(error).__name__, error, exc_info=error)
 
     def _try(self, task: type[ServedTask[Any]], where: str) -> None:
         try:

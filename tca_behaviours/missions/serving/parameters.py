@@ -102,7 +102,7 @@ def fields_of(
     has their defaults where the class has none. Raises BadFormat if an attribute can't be a
     parameter.
     """
-    given = {name for one in base.__mro__ for name in vars(one).get("__annotations__", {})} - set(
+    given = {name for cls in base.__mro__ for name in vars(cls).get("__annotations__", {})} - set(
         common
     )
     fields = {}
@@ -131,7 +131,7 @@ def _hints(task: type) -> dict[str, Any]:
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
     """A parameter. A class that inherits it may change its default only."""
-    given = [vars(one)[name] for one in task.__mro__ if name in vars(one)]
+    given = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
     declared = next((one for one in given if isinstance(one, Parameter)), None)
     if declared is not None:
         hint = Annotated[hint, declared.meta]

@@ -135,9 +135,9 @@ class TaskRun:
         def warn_if_late(callback: Callback) -> None:
             nonlocal timer
             seconds = self.served.task_timeout  # an update may have changed it
-            left = began + seconds + _RETURNS_WITHIN - callback.time()
-            if seconds and left > 0 and not self._is_ending:
-                timer = self._start_timer(left, warn_if_late)
+            remaining = began + seconds + _RETURNS_WITHIN - callback.time()
+            if seconds and remaining > 0 and not self._is_ending:
+                timer = self._start_timer(remaining, warn_if_late)
             elif seconds and not self._is_ending:
                 text = "%s: task_timeout of %g s has passed and iterate() has not returned"
                 self._log.warning(text, self.task, seconds)
