@@ -45,9 +45,9 @@ class Application:
 
     Example::
 
-            with Application("cart", [wheel, arm], one_each).running() as application:
-                time.sleep(10.0)
-                print(application.figures())
+        with Application("cart", [wheel, arm], one_each).running() as application:
+            time.sleep(10.0)
+            print(application.figures())
     """
 
     def __init__(

@@ -26,8 +26,8 @@ def count_transitions(
 
     Example::
 
-            counts = count_transitions(Path("journals").iterdir(), Coordinator(deliver).chart)
-            here.to(there, likelihood=Learned(counts))
+        counts = count_transitions(Path("journals").iterdir(), Coordinator(deliver).chart)
+        here.to(there, likelihood=Learned(counts))
     """
     labels = {state.label for state in chart.states}
     symbols = {arrow.symbol for arrow in chart.arrows}

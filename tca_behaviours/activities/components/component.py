@@ -81,13 +81,13 @@ class Component(Generic[D]):
 
     Example::
 
-            class Lamp(Component[LampData]):
-                def __init__(self, name: str) -> None:
-                    super().__init__(name, LampData)
-                    self.switch = self.input("switch", bool, self.take_switch)
-                    power = self.region("power", period=0.1)
-                    off, on = power.state("off"), power.state("on", entry=self.turn_on)
-                    off.to(on, on="switched on")
+        class Lamp(Component[LampData]):
+            def __init__(self, name: str) -> None:
+                super().__init__(name, LampData)
+                self.switch = self.input("switch", bool, self.take_switch)
+                power = self.region("power", period=0.1)
+                off, on = power.state("off"), power.state("on", entry=self.turn_on)
+                off.to(on, on="switched on")
     """
 
     def __init__(

@@ -30,11 +30,11 @@ class Manager:
 
     Example::
 
-            manager = Manager(application)
-            module = Module("cart")
-            manager.handle_in(module)
-            with module.running(), application.running():
-                ...
+        manager = Manager(application)
+        module = Module("cart")
+        manager.handle_in(module)
+        with module.running(), application.running():
+            ...
     """
 
     def __init__(

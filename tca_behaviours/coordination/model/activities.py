@@ -102,7 +102,7 @@ class Activity:
 
     Example::
 
-            grasp = Activity(Do(GRASP, cup, ARM), needs={"arm": "home"}, makes={"arm": "cup"})
+        grasp = Activity(Do(GRASP, cup, ARM), needs={"arm": "home"}, makes={"arm": "cup"})
     """
 
     def __init__(

@@ -43,11 +43,11 @@ class Coordination(BlockMachine[AuthoredState]):
 
     Example::
 
-            with Coordination("deliver") as deliver:
-                drive = deliver.state("drive", Activity(Do(DRIVE, "table", BASE)))
-                grasp = deliver.state("grasp", Activity(Do(GRASP, "cup", ARM)))
-                drive.to(grasp)
-                grasp.to(deliver.final("delivered"))
+        with Coordination("deliver") as deliver:
+            drive = deliver.state("drive", Activity(Do(DRIVE, "table", BASE)))
+            grasp = deliver.state("grasp", Activity(Do(GRASP, "cup", ARM)))
+            drive.to(grasp)
+            grasp.to(deliver.final("delivered"))
     """
 
     def __init__(

@@ -34,13 +34,15 @@ class ActivitiesAtWork:
         enqueue: Callable[[Callable[[], object]], object],
         mistakes: Mistakes,
     ) -> None:
-        """Args:
-        facts: The facts at the start.
-        task: The coordinator's task.
-        failures: The recorded failures of its tasks.
-        patience: Seconds that a task may take to end after a request; then it is killed.
-        enqueue: Enqueues a change for the thread of the run.
-        mistakes: Receives the errors of functions that read the progress of early work.
+        """Start without activities.
+
+        Args:
+            facts: The facts at the start.
+            task: The coordinator's task.
+            failures: The recorded failures of its tasks.
+            patience: Seconds that a task may take to end after a request; then it is killed.
+            enqueue: Enqueues a change for the thread of the run.
+            mistakes: Receives the errors of functions that read the progress of early work.
         """
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has started."""

@@ -37,11 +37,11 @@ class Coordinator:
 
     Example::
 
-            coordinator = Coordinator(deliver, policy=Discrete(threshold=0.5))
-            module = Module("coordinator")
-            coordinator.handle_in(module)
-            with module.running():
-                print(coordinator.run(module))
+        coordinator = Coordinator(deliver, policy=Discrete(threshold=0.5))
+        module = Module("coordinator")
+        coordinator.handle_in(module)
+        with module.running():
+            print(coordinator.run(module))
     """
 
     def __init__(
@@ -52,12 +52,14 @@ class Coordinator:
         limits: PreviewLimits | None = None,
         patience: float = _PATIENCE,
     ) -> None:
-        """Args:
-        machine: The machine.
-        policy: Decides which activities start early; None: none does, there is no preview.
-        limits: Where a preview ends; by default ``PreviewLimits()``.
-        patience: Seconds that a task may take to end after a request; then it is killed.
-            Default 5.
+        """Create a coordinator; ``handle_in`` gives it a module.
+
+        Args:
+            machine: The machine.
+            policy: Decides which activities start early; None: none does, there is no preview.
+            limits: Where a preview ends; by default ``PreviewLimits()``.
+            patience: Seconds that a task may take to end after a request; then it is killed.
+                Default 5.
         """
         check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
         check("Coordinator", _POLICY_OR_NONE, policy=policy)

@@ -30,21 +30,21 @@ class StateMachine(BlockMachine[MachineState]):
     end. A state is made by the name of its task, if needed with a label: ``sm.GoTo("home",
     goal_x=1.0)``.
 
-    Example::
-
-            with StateMachine("patrol") as sm:
-                there = sm.GoTo("there", goal_x=9.0)
-                back = sm.GoTo("back", goal_x=1.0).on(completed=there)
-                there.on(completed=back)
-
-            with Mission("turtle") as mission:
-                sm.run(mission)
-
     Args:
         name: The name of the machine, in the tree and in pictures.
 
     Raises:
         UnsoundMachine: At the end of the block: the machine can't be run as it is written.
+
+    Example::
+
+        with StateMachine("patrol") as sm:
+            there = sm.GoTo("there", goal_x=9.0)
+            back = sm.GoTo("back", goal_x=1.0).on(completed=there)
+            there.on(completed=back)
+
+        with Mission("turtle") as mission:
+            sm.run(mission)
     """
 
     _kind: ClassVar[StateKind] = StateKind.MACHINE

@@ -58,7 +58,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
 
         Example::
 
-                sm.GoTo(goal_x=1.0).on(timeout="home", failed="home")
+            sm.GoTo(goal_x=1.0).on(timeout="home", failed="home")
         """
         for ending, target in zip(ENDINGS, (completed, failed, timeout, interrupted), strict=True):
             if ending in self.by_event and target is not None:

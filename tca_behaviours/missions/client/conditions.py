@@ -34,8 +34,8 @@ class ConditionIsCompleted:
 
     Example::
 
-            rain = mission.WaitForRain(foreground=False)
-            mission.add_condition(ConditionIsCompleted(rain, "it rains"))
+        rain = mission.WaitForRain(foreground=False)
+        mission.add_condition(ConditionIsCompleted(rain, "it rains"))
     """
 
     def __init__(

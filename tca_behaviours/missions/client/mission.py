@@ -58,16 +58,18 @@ class BaseMission:
         leave_running: bool = False,
         checkpoint: Path | str | None = None,
     ) -> None:
-        """Args:
-        server: The server whose tasks the mission runs; may be left out if there is only one.
-        name: The mission's name in the tree; by default the name of the program.
-        central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
-        patience: How many seconds to wait for the server; default 10.
-        under: A task, in its handler. The mission's tasks belong to it instead of to a goal of
-            their own.
-        leave_running: Whether the tasks outlive the mission, also after a crash; default False.
-        checkpoint: The file in which ``step`` records completed steps; None: there are no
-            steps.
+        """Create a mission. It joins central when it is opened.
+
+        Args:
+            server: The server whose tasks the mission runs; may be left out if there is only one.
+            name: The mission's name in the tree; by default the name of the program.
+            central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
+            patience: How many seconds to wait for the server; default 10.
+            under: A task, in its handler. The mission's tasks belong to it, not to a goal of their
+                own.
+            leave_running: Whether the tasks outlive the mission, also after a crash; default False.
+            checkpoint: The file in which ``step`` records completed steps; None: there are no
+                steps.
         """
         self.central = central  #: its address, as it was given
         self._patience = patience
@@ -198,9 +200,9 @@ class BaseMission:
 
         Example::
 
-                drive = mission.start("Drive", goal=6.0)
-                mission.update_task(drive, goal=2.0)
-                mission.wait_for_task(drive)
+            drive = mission.start("Drive", goal=6.0)
+            mission.update_task(drive, goal=2.0)
+            mission.wait_for_task(drive)
         """
         return self._start(self._task(name), parameters)
 
@@ -460,7 +462,7 @@ class BaseMission:
 
         Example::
 
-                mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
+            mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
         """
         return self._opened_steps().run(
             name, function, lambda: function(*args, **parameters), again=False
@@ -519,13 +521,13 @@ class BaseMission:
 
         Raises Timeout if one does not end.
         """
-        cleared = [
-            one
-            for one in self._conditions
-            if isinstance(one, ConditionIsCompleted) and one.stop_on_clear
+        tasks = [
+            condition.task
+            for condition in self._conditions
+            if isinstance(condition, ConditionIsCompleted) and condition.stop_on_clear
         ]
         self._conditions.clear()
-        self._stopping.stop([one.task for one in cleared], "its condition was cleared")
+        self._stopping.stop(tasks, "its condition was cleared")
 
     def _is_verified(self) -> bool:
         """Whether a condition ends the wait now: it is verified, or its task has failed."""
@@ -559,8 +561,8 @@ class Mission(BaseMission):
 
     Example::
 
-            with Mission("turtle") as mission:
-                mission.GoTo(goal_x=1.0, goal_y=1.0)
+        with Mission("turtle") as mission:
+            mission.GoTo(goal_x=1.0, goal_y=1.0)
     """
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -576,7 +578,7 @@ class Mission(BaseMission):
 
         def function(*values: Any, **parameters: Any) -> Any:
             if values:
-                names = ", ".join(f"{one.name}=..." for one in task.parameters[: len(values)])
+                names = ", ".join(f"{p.name}=..." for p in task.parameters[: len(values)])
                 raise BadParameter(
                     f"{task.name}() takes its parameters by name: {task.name}({names})"
                 )

@@ -75,14 +75,16 @@ class MissionGoal:
     def __init__(
         self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool
     ) -> None:
-        """Args:
-        name: The mission's name.
-        server: The server whose tasks it runs.
-        central: The address of central.
-        under: The task that the mission's tasks belong to. Then the mission needs no goal of
-            its own.
-        stays: Whether the tasks outlive the mission. Then they stand at the top of the tree,
-            without a goal above them.
+        """Create the goal; ``open`` sends it.
+
+        Args:
+            name: The mission's name.
+            server: The server whose tasks it runs.
+            central: The address of central.
+            under: The task that the mission's tasks belong to. Then the mission needs no goal of
+                its own.
+            stays: Whether the tasks outlive the mission. Then they stand at the top of the tree,
+                without a goal above them.
         """
         self._title = f"mission {name}"
         self._central = central

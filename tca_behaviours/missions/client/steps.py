@@ -27,12 +27,14 @@ class Steps:
         find: Callable[[TaskBegun], TaskHandle | None],
         finish: Callable[[TaskHandle], object],
     ) -> None:
-        """Args:
-        path: The file that records the steps.
-        mission: The mission's name.
-        find: Finds a task that an earlier run of the program has started; None if central has
-            forgotten it.
-        finish: Waits for the end of a task.
+        """Open the file, and read its steps.
+
+        Args:
+            path: The file that records the steps.
+            mission: The mission's name.
+            find: Finds a task that an earlier run of the program has started; None if central has
+                forgotten it.
+            finish: Waits for the end of a task.
         """
         self._file = StepFile(path, mission)
         self._find, self._finish = find, finish

@@ -90,14 +90,14 @@ class PeriodicTask(ServedTask[E]):
 
     Example::
 
-            class Drive(PeriodicTask[Cart]):
-                '''Drive to a place.'''
+        class Drive(PeriodicTask[Cart]):
+            '''Drive to a place.'''
 
-                goal: float = parameter(0.0, "Where to, in metres", minimum=0, maximum=10)
+            goal: float = parameter(0.0, "Where to, in metres", minimum=0, maximum=10)
 
-                def iterate(self) -> Status:
-                    self.env.place += max(-0.1, min(0.1, self.goal - self.env.place))
-                    return Status.COMPLETED if self.env.place == self.goal else Status.RUNNING
+            def iterate(self) -> Status:
+                self.env.place += max(-0.1, min(0.1, self.goal - self.env.place))
+                return Status.COMPLETED if self.env.place == self.goal else Status.RUNNING
     """
 
     task_period: float = parameter(

@@ -16,8 +16,8 @@ class Environment:
 
     Example::
 
-            class Cart(Environment):
-                place = 0.0
+        class Cart(Environment):
+            place = 0.0
     """
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ def parameter(
 
     Example::
 
-            goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
+        goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
     """
     extra = {FIXED: True} if fixed else None
     meta = msgspec.Meta(

@@ -37,8 +37,8 @@ class TaskServer:
 
     Example::
 
-            server = TaskServer("turtle", TurtleEnvironment(), folder="tasks")
-            server.run()
+        server = TaskServer("turtle", TurtleEnvironment(), folder="tasks")
+        server.run()
     """
 
     def __init__(
@@ -53,7 +53,9 @@ class TaskServer:
         capacity: int = 16,
         central: CentralAddress = None,
     ) -> None:
-        """Args:
+        """Create a server; ``run`` or ``running`` starts it.
+
+        Args:
             name: The name of the server and of its module.
             environment: The object that all tasks share.
             tasks: Classes of tasks to offer.
