@@ -37,9 +37,10 @@ class _Search:
         self.endings[state] = [ending for ending in ENDINGS if ending in inside]
         for ending in state.by_event:
             if ending not in self.endings[state]:
-                ends = " or ".join(self.endings[state]) or "never"
+                possible = " or ".join(self.endings[state])
+                only = f", only as {possible}" if possible else ""
                 raise UnsoundMachine(
-                    f"{state!r} can't end as {ending}, only as {ends}: remove on({ending}=...)"
+                    f"{state!r} can't end as {ending}{only}: remove on({ending}=...)"
                 )
         found: Exits = {}
         for exit_, is_idle in inside.items():

@@ -23,7 +23,7 @@ class Catalogue:
         self.server = server  #: its name; "" until the only server is found
         self._goal = goal
         self._known: dict[str, OfferedTask] = {}
-        self._known_at = -1  # the count of changes when they were read
+        self._known_at = -1  # the count of changes when the tasks were read
         self._messages: dict[str, Command[Any, Any]] = {}
 
     @property

@@ -74,4 +74,4 @@ class ConditionVerified(TcaError):
 
     def __init__(self, conditions: Sequence[MissionCondition]) -> None:
         super().__init__("; ".join(map(str, conditions)))
-        self.conditions = list(conditions)  #: those that were verified
+        self.conditions = list(conditions)  #: the conditions that were verified

@@ -36,9 +36,9 @@ class {name}(Base):
 
 _TASK = '''
         @overload
-        def {name}({waits}) -> TaskEnd: ...
+        def {name}({foreground}) -> TaskEnd: ...
         @overload
-        def {name}({goes_on}) -> TaskHandle: ...
+        def {name}({background}) -> TaskHandle: ...
         @overload
         def {name}({either}) -> TaskEnd | TaskHandle: ...
         def {name}(self, **parameters: Any) -> Any:
@@ -87,15 +87,15 @@ def _method(task: OfferedTask) -> str:
         named = list(_parameters(task, foreground))
         return ", ".join(["self", *(["*"] if named else []), *named])
 
-    waits, goes_on = "Literal[True] = True", "Literal[False]"
+    foreground, background = "Literal[True] = True", "Literal[False]"
     if not task.runs_in_foreground:
-        waits, goes_on = "Literal[True]", "Literal[False] = False"
+        foreground, background = "Literal[True]", "Literal[False] = False"
     text = _in_docstring(task.help_text).replace("\n", "\n            ")
     return _TASK.format(
         name=task.name,
         help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE),
-        waits=parameters(waits),
-        goes_on=parameters(goes_on),
+        foreground=parameters(foreground),
+        background=parameters(background),
         either=parameters("bool"),
     )
 

@@ -36,7 +36,7 @@ class ServedTask(Generic[E]):
     task: Task
     """The run as a task of the tree: to send messages with."""
     task_timeout: float = parameter(
-        0.0, "The most seconds that it may run once initialised; 0: any", minimum=0
+        0.0, "The most seconds that it may run after initialise(); 0: no limit", minimum=0
     )
     foreground: bool = parameter(
         True, "Whether it takes the place of the task in the foreground", fixed=True
