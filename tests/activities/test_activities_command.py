@@ -36,9 +36,7 @@ def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
         for name in ("arm", "base"):
             Manager(Application(name)).handle_in(module)
         with module.running():
-            assert said(daemon.address).endswith(
-                "several applications: name one of 'arm', 'base'"
-            )
+            assert said(daemon.address).endswith("several applications: name one of 'arm', 'base'")
             assert said(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )

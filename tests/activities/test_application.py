@@ -184,9 +184,7 @@ def test_an_activity_may_stop_the_application() -> None:
     application.start()
     assert counter.enough.wait(20)
     assert not application.is_running
-    assert refused == [
-        "start() was called from the tick that called stop(): use another thread"
-    ]
+    assert refused == ["start() was called from the tick that called stop(): use another thread"]
     with application.running():  # waits until the activity is done
         assert sum(ticks(application).values()) >= 1
 

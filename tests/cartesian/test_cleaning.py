@@ -28,7 +28,9 @@ def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
     shutil.copytree(Path(robots.__file__).parent / "cartesian_sim", there)
     (tmp_path / "robots" / "__init__.py").touch()
     said = write_code(read_model(there / "cleaning.toml"), there)
-    assert [line.partition(": ")[2] for line in said] == ["unchanged"] * 2 + ["yours, not changed"] * 3
+    assert [line.partition(": ")[2] for line in said] == ["unchanged"] * 2 + [
+        "yours, not changed"
+    ] * 3
 
 
 def test_the_show_counts_the_ticks_that_are_missing() -> None:
