@@ -1,4 +1,7 @@
-"""The components of cleaning.toml, connected: made by tca generate, changes would be lost."""
+"""The components of cleaning.toml, connected: made by tca generate.
+
+Do not change this file: changes would be lost.
+"""
 # isort: skip_file
 
 from contextlib import suppress

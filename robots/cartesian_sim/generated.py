@@ -1,5 +1,6 @@
-"""Types of data and bases of components, made by tca generate from cleaning.toml: changes would be
-lost.
+"""Data types and bases of components, made by tca generate from cleaning.toml.
+
+Do not change this file: changes would be lost.
 """
 # isort: skip_file
 
@@ -205,23 +206,23 @@ class JointBase(Component[JointData], ABC):
 
     @abstractmethod
     def seek_switch(self) -> None:
-        """Once a period, while 'referencing' is in 'to switch'."""
+        """Called once a period while 'referencing' is in 'to switch'."""
 
     @abstractmethod
     def leave_switch(self) -> None:
-        """Once a period, while 'referencing' is in 'off switch'."""
+        """Called once a period while 'referencing' is in 'off switch'."""
 
     @abstractmethod
     def set_zero(self) -> None:
-        """'referencing' has come to 'referenced'."""
+        """'referencing' enters 'referenced'."""
 
     @abstractmethod
     def power_off(self) -> None:
-        """'enabling' has come to 'disabled'."""
+        """'enabling' enters 'disabled'."""
 
     @abstractmethod
     def power_on(self) -> None:
-        """'enabling' has come to 'powering'."""
+        """'enabling' enters 'powering'."""
 
     @abstractmethod
     def has_power(self) -> bool:
@@ -229,11 +230,11 @@ class JointBase(Component[JointData], ABC):
 
     @abstractmethod
     def approach(self) -> None:
-        """Once a period, while 'movement' is in 'to position'."""
+        """Called once a period while 'movement' is in 'to position'."""
 
     @abstractmethod
     def keep_speed(self) -> None:
-        """Once a period, while 'movement' is in 'at speed'."""
+        """Called once a period while 'movement' is in 'at speed'."""
 
     @abstractmethod
     def halt(self) -> None:
@@ -304,11 +305,11 @@ class DeviceBase(Component[DeviceData], ABC):
 
     @abstractmethod
     def switch_on(self) -> None:
-        """'simulation' has come to 'running'."""
+        """'simulation' enters 'running'."""
 
     @abstractmethod
     def simulate(self) -> None:
-        """Once a period, while 'simulation' is in 'running'."""
+        """Called once a period while 'simulation' is in 'running'."""
 
 
 @dataclass
@@ -401,23 +402,23 @@ class GuideBase(Component[GuideData], ABC):
 
     @abstractmethod
     def set_out(self) -> None:
-        """'travel' has come to 'travelling'."""
+        """'travel' enters 'travelling'."""
 
     @abstractmethod
     def go_to_first(self) -> None:
-        """'cleaning' has come to 'approaching'."""
+        """'cleaning' enters 'approaching'."""
 
     @abstractmethod
     def put_tool_out(self) -> None:
-        """'cleaning' has come to 'pressing'."""
+        """'cleaning' enters 'pressing'."""
 
     @abstractmethod
     def follow(self) -> None:
-        """Once a period, while 'cleaning' is in 'wiping'."""
+        """Called once a period while 'cleaning' is in 'wiping'."""
 
     @abstractmethod
     def take_tool_back(self) -> None:
-        """'cleaning' has come to 'lifting'."""
+        """'cleaning' enters 'lifting'."""
 
     @abstractmethod
     def is_there(self) -> bool:
