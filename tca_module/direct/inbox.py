@@ -59,9 +59,8 @@ class _RemoteSender:
         self.missing: set[int] = set()  #: numbers that did not arrive, and may come again
         self.open: dict[int, _Waiting] = {}  #: queries that were not answered
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}  #: the newest, oldest first
-        self.begun = (
-            greet.newest
-        )  #: the highest number that was begun with, or of which nothing is known
+        #: the highest number that was begun with, or of which nothing is known
+        self.begun = greet.newest
         self.untold = 0  #: informs begun with, of which it was not told
         self.untold_bytes = 0
         self.is_behind = False  #: an answer could not be sent

@@ -85,9 +85,8 @@ class DirectPath:
         self._bytes = 0
         self._arrived = 0  #: the slot has what was sent up to this number, as far as it was asked
         self._said = float("-inf")  #: when the slot was last sent a query or greeting
-        self._gives_up: tuple[float, str] | None = (
-            None  #: the slot is gone: when its queries have failed, and why
-        )
+        #: the slot is gone: when its queries have failed, and why
+        self._gives_up: tuple[float, str] | None = None
 
     @property
     def is_usable(self) -> bool:

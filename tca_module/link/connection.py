@@ -28,14 +28,12 @@ from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
-ACKNOWLEDGED_WITHIN = (
-    30.0  # seconds that central may take to accept or refuse a request while it says other things
-)
+# seconds that central may take to accept or refuse a request while it says other things
+ACKNOWLEDGED_WITHIN = 30.0
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
-MOST_UNTOLD = (
-    100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
-)
+# tasks sent of which central has said nothing yet: it remembers 128 by their requests
+MOST_UNTOLD = 100
 
 
 class Connection(Waits):

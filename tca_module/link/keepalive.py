@@ -41,9 +41,8 @@ class KeepAlive:
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module before its time
-        self.since = self.due = (
-            time.monotonic()
-        )  #: silence counts from then; when to look again if nothing arrives
+        #: silence counts from then; when to look again if nothing arrives
+        self.since = self.due = time.monotonic()
         self.files: Collection[int] = ()  #: those that tell of something
         self._link = link
         self._reconnect = reconnect

@@ -23,9 +23,8 @@ class OfOneThread:
     session: Session
 
     def __init__(self) -> None:
-        self._lock: Any = (
-            threading.RLock()
-        )  # against threads that only keep it alive, and send what is late
+        # against threads that only keep it alive, and send what is late
+        self._lock: Any = threading.RLock()
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         _opened_here.add(self)
 

@@ -31,9 +31,8 @@ class PacketLine:
     ) -> None:
         self.session = session
         self._transport = transport
-        self.time = (
-            transport.time
-        )  #: the time of handlers, in seconds; on a stepped clock it stands still
+        #: the time of handlers, in seconds; on a stepped clock it stands still
+        self.time = transport.time
         self.direct = direct
         self.clock = clock
         self._log = log_of(session.module)

@@ -50,9 +50,8 @@ class Turns:
 
     def send_late(self) -> bool:
         """Send the replies that wait; False if there were none. For another thread."""
-        self._is_watched = (
-            False  # before it looks: a turn holds a reply, and then asks to be watched
-        )
+        # before it looks: a turn holds a reply, and then asks to be watched
+        self._is_watched = False
         if self._session.held.ended:
             self._is_watched = True
             if self._lock.acquire(blocking=False):

@@ -15,9 +15,8 @@ from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
-_BETWEEN = (
-    0.25  # part of the patience that may pass between two waits of a handler and count as silence
-)
+# part of the patience that may pass between two waits of a handler and count as silence
+_BETWEEN = 0.25
 
 
 class WaitLoop:
@@ -30,18 +29,15 @@ class WaitLoop:
         self._line = line
         self._clock = line.clock
         self.patience = patience  #: seconds without a word from central after which a wait ends with CentralLost
-        self.handle_delivery: Callable[[Deliver, bytes], None] | None = (
-            None  #: handles a message that was delivered
-        )
+        #: handles a message that was delivered
+        self.handle_delivery: Callable[[Deliver, bytes], None] | None = None
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: one of them is being called
         self._one: OpenDelivery | None = None  #: the handler that waited last with ``in_turn``
-        self._since = self._left = (
-            line.clock()
-        )  #: its silence counts from then; when that wait was over
-        self._word: Request | None = (
-            None  #: asked of central: nothing that is ahead begins before its answer
-        )
+        #: its silence counts from then; when that wait was over
+        self._since = self._left = line.clock()
+        #: asked of central: nothing that is ahead begins before its answer
+        self._word: Request | None = None
 
     def until(
         self,
@@ -194,9 +190,8 @@ class WaitLoop:
             line.listen(0.0 if idle is not None and idle(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
-                since = self._since = (
-                    now  # this process stood still, central's words are not read yet: blame nobody
-                )
+                # this process stood still, central's words are not read yet: blame nobody
+                since = self._since = now
                 self._doubt_what_is_ahead()
             if idle is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # and central is heard in between

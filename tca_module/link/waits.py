@@ -121,12 +121,10 @@ class Waits(OfOneThread):
         self.session = session
         self.transport = transport
         self.direct = direct or DirectMessages(session)  #: messages sent without central
-        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = (
-            None  #: in asyncio
-        )
-        self.await_moment: Callable[[float], Awaitable[None]] | None = (
-            None  #: of the transport's clock; in asyncio
-        )
+        #: in asyncio
+        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None
+        #: of the transport's clock; in asyncio
+        self.await_moment: Callable[[float], Awaitable[None]] | None = None
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
         self.waiting = WaitLoop(self.line, self._lock, patience)

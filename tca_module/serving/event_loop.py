@@ -27,9 +27,8 @@ from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
 
-_CALM = (
-    1.0  # seconds between two looks at central while nothing but its answers can change anything
-)
+# seconds between two looks at central while nothing but its answers can change anything
+_CALM = 1.0
 
 
 class EventLoop:
@@ -45,12 +44,10 @@ class EventLoop:
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
         self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
-        self._is_flushing = (
-            False  #: something is to be sent when all who can go on now have done so
-        )
-        self._fatal: BaseException | None = (
-            None  #: an exception of a handler that is to end the module
-        )
+        #: something is to be sent when all who can go on now have done so
+        self._is_flushing = False
+        #: an exception of a handler that is to end the module
+        self._fatal: BaseException | None = None
         self._ended: list[
             OpenDelivery
         ] = []  #: the handlers that are done since the loop turned last

@@ -32,9 +32,8 @@ from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 CALLBACKS = "callbacks"
 """The resource whose thread calls the callbacks for which no other is named."""
 
-_PATIENCE = (
-    1.0  # seconds that handlers have for their end before it is said that they are waited for
-)
+# seconds that handlers have for their end before it is said that they are waited for
+_PATIENCE = 1.0
 
 
 class Serving(NamedTuple):
@@ -61,9 +60,8 @@ class Slot:
         self.callbacks = callbacks  #: that its thread calls
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._serving = serving
-        self.hello = (
-            hello  #: the resource that it handles messages for, and the number of its connection
-        )
+        #: the resource that it handles messages for, and the number of its connection
+        self.hello = hello
         self._connection: Connection  # from its beginning on
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[

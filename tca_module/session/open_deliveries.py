@@ -56,9 +56,8 @@ class OpenDelivery:
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
-        self.requested: deque[tuple[Requested, bytes]] | None = (
-            None  #: what clients have asked for, if anything
-        )
+        #: what clients have asked for, if anything
+        self.requested: deque[tuple[Requested, bytes]] | None = None
         self.on_request: tuple[Callable[[], None], ...] = ()  #: become news with each of those
         self.state: Any = None  #: its task's, as the handler knows it; made when it is first needed
 
@@ -67,9 +66,8 @@ class OpenDeliveries:
     """The open deliveries of one connection."""
 
     def __init__(self) -> None:
-        self.is_ending: Callable[[], bool] = (
-            never  #: whether the module ends, and handlers are to be told
-        )
+        #: whether the module ends, and handlers are to be told
+        self.is_ending: Callable[[], bool] = never
         self._known: dict[
             int, OpenDelivery
         ] = {}  #: by delivery; one that came directly (< 0) from its beginning

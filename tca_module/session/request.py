@@ -90,18 +90,16 @@ class Request:
         self.repeated = False  #: was sent more than once
         self.is_over = False
         self.seen = 0  #: answers of one that goes on, since it was sent
-        self.is_announced = (
-            False  #: central knows that the sender, who went on, now waits for the answer
-        )
+        #: central knows that the sender, who went on, now waits for the answer
+        self.is_announced = False
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""  #: how it was lost with central's memory
         self.gone = ""  #: its subject, where a restarted central has forgotten that
         self.taken = ""  #: of a lock that was granted: how it was lost
-        self.path: DirectWay | None = (
-            None  #: the way that it went directly, under that way's *number*
-        )
+        #: the way that it went directly, under that way's *number*
+        self.path: DirectWay | None = None
         self.number = 0
         self.what = ""  #: of what was sent without waiting, a task mostly: its name, for people
         self.by = ""  #: and the message whose handler has sent it
@@ -109,13 +107,11 @@ class Request:
             TaskId
         ] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
-        self.notify: Callable[[], None] | None = (
-            None  #: becomes news with each answer, and when it is over
-        )
+        #: becomes news with each answer, and when it is over
+        self.notify: Callable[[], None] | None = None
         self.wakes: Callable[[], None] | None = None  #: so does this, for coroutines that await it
-        self.settled: Callable[[Request], None] | None = (
-            None  #: called by the session itself, when it is over
-        )
+        #: called by the session itself, when it is over
+        self.settled: Callable[[Request], None] | None = None
 
     @property
     def is_unannounced(self) -> bool:

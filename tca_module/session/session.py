@@ -45,9 +45,8 @@ IDLE = 45.0  # the same for who waits for nothing in particular: central beats e
 REPEAT = 1.0  # seconds between two such questions
 CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
 PREFETCH = 64  # messages that a slot takes ahead
-_REPLIES_KEPT = (
-    PREFETCH + 8
-)  # to be said again after a break, until a further delivery shows that they arrived
+# to be said again after a break, until a further delivery shows that they arrived
+_REPLIES_KEPT = PREFETCH + 8
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if
 # Hello is due again.
@@ -66,9 +65,8 @@ def quiet_within(patience: float, *, is_idle: bool = False) -> float:
 class Session:
     """The state of one connection to central."""
 
-    replace_slot: Callable[[int, str], object] | None = (
-        None  #: opens another slot for one that hangs
-    )
+    #: opens another slot for one that hangs
+    replace_slot: Callable[[int, str], object] | None = None
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
         """*attachments*: of the module, where it has several connections; the first one attaches
@@ -79,14 +77,12 @@ class Session:
         self.requests: dict[int, Request] = {}  #: not over, by number, oldest first
         self.messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
-        self._is_ready = (
-            False  #: central was told that all is attached that is attached at the start
-        )
+        #: central was told that all is attached that is attached at the start
+        self._is_ready = False
         self.sends = TaskSends()  #: tasks that were sent without waiting
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
-        self._locks: WeakValueDictionary[int, Request] = (
-            WeakValueDictionary()
-        )  #: granted, as long as anybody has them
+        #: granted, as long as anybody has them
+        self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()
         self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
         """By delivery, oldest first: central may not have got these yet."""
         self._asked = float("-inf")  #: when central was last asked for a word
@@ -95,34 +91,26 @@ class Session:
         )  #: when it was first asked for the one that it owes, if it does
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
-        self.held = (
-            HeldReplies()
-        )  #: those in ``outgoing`` that leave together when a turn has ended
-        self.deliveries: deque[tuple[headers.Deliver, bytes]] = (
-            deque()
-        )  #: to be handled now, within a wait as well
-        self.ahead: deque[tuple[headers.Deliver, bytes]] = (
-            deque()
-        )  #: to be handled when all before them have been
-        self.news: deque[Callable[[], None]] = (
-            deque()
-        )  #: to be called by the thread that owns the connection, soon
-        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = (
-            deque()
-        )  #: headers about direct messages
+        #: those in ``outgoing`` that leave together when a turn has ended
+        self.held = HeldReplies()
+        #: to be handled now, within a wait as well
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()
+        #: to be handled when all before them have been
+        self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()
+        #: to be called by the thread that owns the connection, soon
+        self.news: deque[Callable[[], None]] = deque()
+        #: headers about direct messages
+        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
-        self.dropped = self.doubtful = (
-            0  #: informs and broadcasts that never left, or were on their way in a break
-        )
-        self._posted = self._arrived = (
-            0  #: statements sent on this connection; those of which central has had word
-        )
+        #: informs and broadcasts that never left, or were on their way in a break
+        self.dropped = self.doubtful = 0
+        #: statements sent on this connection; those of which central has had word
+        self._posted = self._arrived = 0
         self._confirming: Request | None = None  #: asks central for a word
         self._replies_before: list[int] = []  #: the deliveries that were answered before that
         self.is_welcome, self.breaks = False, 0  #: central has welcomed it; how often it has broken
-        self.is_to_withdraw = (
-            False  #: central is to be told that nothing is handled any more; set by any thread
-        )
+        #: central is to be told that nothing is handled any more; set by any thread
+        self.is_to_withdraw = False
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
@@ -609,9 +597,8 @@ class Session:
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self.requests.get(header.number)) is not None:
-            request.was_sent = (
-                request.repeated
-            )  # it was not done; and if sent only once, by nobody else
+            # it was not done; and if sent only once, by nobody else
+            request.was_sent = request.repeated
         if self.is_welcome:
             self.break_off()
 

@@ -9,9 +9,8 @@ from tca_module.errors import MisuseError
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import NO_KEY, VARIABLE, ClientKey, client_key
 
-_ANSWERED_WITHIN = (
-    2500  # milliseconds: after two seconds central ends a handshake that comes to nothing
-)
+# milliseconds: after two seconds central ends a handshake that comes to nothing
+_ANSWERED_WITHIN = 2500
 _EVENTS = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH

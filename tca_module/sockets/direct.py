@@ -67,9 +67,8 @@ class EntranceSocket(_DirectSocket):
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
         self.is_paused = False  #: packets stay in the socket
-        public_key = (
-            make_server(self._socket) if key_for(central) is not None else ""
-        )  # whoever connects needs it
+        # whoever connects needs it
+        public_key = make_server(self._socket) if key_for(central) is not None else ""
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             endpoint = _bind(self._socket, central)
