@@ -1,6 +1,4 @@
-"""The direct messages of one connection: those it sends and those its slot takes; none with a
-LocalCentral.
-"""
+"""The direct messages of one connection, sent and received. A LocalCentral has none."""
 
 import time
 from collections.abc import Iterable
@@ -17,11 +15,11 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, ToCentral
 from tca_wire.packets.routes import Barred, Noted
 
-RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
+RESTLESS = 0.2  # seconds between two checks of a path on which an answer or a greeting is due
 
 
 class DirectMessages:
-    """Sends and takes direct messages for one connection."""
+    """Sends and receives direct messages for one connection."""
 
     def __init__(
         self,
@@ -30,10 +28,10 @@ class DirectMessages:
         door: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
     ) -> None:
-        """*messages* come straight from their senders through the *door*."""
+        """Create it. Senders may send *messages* straight through the entrance *door*."""
         self._session = session
         self._notes = NoteBatch()
-        self.routes = DirectRoutes(session, transport, self._notes)  #: for what it sends
+        self.routes = DirectRoutes(session, transport, self._notes)  #: the sending side
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
@@ -49,7 +47,7 @@ class DirectMessages:
             transport.add(door)
 
     def listen(self) -> None:
-        """Take in arrived packets; none is handled yet."""
+        """Process arrived packets, without handling messages."""
         if self.routes.paths or self._session.routing:
             if self._inbox is not None:
                 self._inbox.bar(
@@ -63,8 +61,9 @@ class DirectMessages:
             self._inbox.listen()
 
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
-        """Central's next delivery to handle; within a direct message only queries of the slot's own
-        resource.
+        """Return central's next delivery to handle, or None.
+
+        While a direct message is handled, only queries from the slot's own resource count.
         """
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
@@ -76,7 +75,7 @@ class DirectMessages:
 
     @property
     def has_delivery(self) -> bool:
-        """Whether ``next_delivery`` gives something."""
+        """Whether ``next_delivery`` would return a delivery."""
         is_busy = self._inbox is not None and self._inbox.is_busy
         return any(header.own or not is_busy for header, _ in self._session.deliveries)
 
@@ -90,11 +89,11 @@ class DirectMessages:
         )
 
     def take(self) -> tuple[Deliver, bytes] | None:
-        """The next message that came directly, if the slot handles nothing."""
+        """Return the next direct message, if the slot handles nothing, or None."""
         return self._inbox.take() if self._inbox is not None and self._may_take else None
 
     def reply(self, header: Any, body: bytes) -> bool:
-        """The handler of a message has ended; False if that did not come directly."""
+        """Send the outcome of a handler; return False if its message was not a direct one."""
         if header.delivery >= 0:
             return False
         if self._inbox is not None:
@@ -102,36 +101,35 @@ class DirectMessages:
         return True
 
     def patience(self, seconds: float) -> float:
-        """The seconds, at most so many, in which there is nothing to do."""
+        """Return the seconds, at most *seconds*, in which there is nothing to do."""
         if self._inbox is not None and self._may_take:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        return (
-            seconds
-            if self._notes.due == FAR
-            else max(0.0, min(seconds, self._notes.due - time.monotonic()))
-        )
+        if self._notes.due == FAR:
+            return seconds
+        return max(0.0, min(seconds, self._notes.due - time.monotonic()))
 
     def report(self, *, at_once: bool = False) -> None:
-        """Give the session the notes that are due; or all, *at_once*."""
+        """Hand the notes that are due to the session; or all of them, *at_once*."""
         if self._notes.due != FAR:
             self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
     def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
-        """Keep the notes among items that could not be sent to central."""
+        """Retain the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
                 self._notes.restore(header, time.monotonic())
 
     @property
     def is_used(self) -> bool:
-        """Whether something may come from elsewhere than central."""
+        """Whether messages may arrive from other senders than central."""
         return self._inbox is not None or bool(self.routes.paths)
 
     def shut(self) -> None:
-        """Take nothing more, and report the rest. Queries that have not begun go to somebody
-        else.
+        """Receive nothing more, and report the remaining notes.
+
+        Senders send queries that have not begun to other handlers.
         """
         if self._inbox is not None:
             if self._transport is not None and self._door is not None:
@@ -141,7 +139,7 @@ class DirectMessages:
         self.report(at_once=True)
 
     def close(self) -> None:
-        """Close everything; without ``shut`` before, begun messages have failed."""
+        """Close everything. Without ``shut`` before, begun messages have failed."""
         self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()

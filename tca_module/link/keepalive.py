@@ -1,6 +1,7 @@
 """Keeps the first connections of modules alive, and tells central when a module was stopped.
 
-One thread does so for all modules of a process. It sleeps until something arrives, or is due.
+One thread does this for all modules of a process. It sleeps until a packet arrives or a check is
+due.
 """
 
 import os
@@ -17,66 +18,69 @@ from tca_module.link.stop import Stop
 from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
-TEND_PERIOD = 0.5  # seconds between two looks at a connection that its own thread uses, or that central does not answer
-_OTHERS = 1.2  # so many times as long as the first one the others wait for a word from central before they ask, too
+# seconds between two checks of a connection that its own thread uses, or that gets no answer
+TEND_PERIOD = 0.5
+# One connection probes a silent central; the others of the process wait this factor longer, so
+# that its answer spares their probes.
+_OTHERS = 1.2
 
 
 @dataclass
 class Look:
-    """One look of the thread at its modules. They share what they hear of a central: one of them
-    asks it for all.
+    """One pass of the thread over its modules.
+
+    The modules share when each central was last heard, so only one of them probes it for all.
     """
 
     now: float
-    ready: set[int]  #: the files that can be read
-    heard: dict[str, float]  #: when a central, by its address, last said anything
-    asked: set[str] = field(default_factory=set)  #: centrals that one of them asks when that is due
-    advice: dict[str, str] = field(
-        default_factory=dict
-    )  #: what to do about one that does not answer
+    ready: set[int]  #: the numbers of the files that can be read
+    heard: dict[str, float]  #: central's address -> when it was last heard
+    #: addresses of the centrals that a module of this pass probes when due
+    asked: set[str] = field(default_factory=set)
+    #: address of a silent central -> advice for the log
+    advice: dict[str, str] = field(default_factory=dict)
 
 
 class KeepAlive:
     """Keeps the first connection of one module alive, from its creation to ``end``."""
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
-        self.error: CentralLost | None = None  #: the error that ended the module before its time
-        #: silence counts from then; when to look again if nothing arrives
+        self.error: CentralLost | None = None  #: the error that ended the module early
+        #: silence counts from *since*; the next check is at *due* if nothing arrives
         self.since = self.due = time.monotonic()
-        self.files: Collection[int] = ()  #: those that tell of something
+        self.files: Collection[int] = ()  #: become readable when something arrives
         self._link = link
         self._reconnect = reconnect
-        self._stop = stop  #: the module is to end
-        self._has_told = False  #: that it is stopped
+        self._stop = stop  #: set when the module must end
+        self._has_told = False  #: the stop has been logged and is passed on to central
         self._warned = False
         self._keeper = _keeper
         self._keeper.add(self)
         stop.wakes(self._keeper.waker.set)
 
     def end(self) -> None:
-        """End it, because the module's thread leaves and tells central itself. Sets *stop*."""
+        """Stop, because the module's thread leaves and informs central itself. Sets the module's
+        stop.
+        """
         self._keeper.remove(self)
         self._stop.set()
 
     def is_due(self, this: Look) -> bool:
-        """Whether there is something to do."""
+        """Return whether there is something to do."""
         is_told = self._has_told or not self._stop.is_set()
         return self.due <= this.now or not this.ready.isdisjoint(self.files) or not is_told
 
     def look(self, this: Look) -> None:
-        """Do what is due."""
-        link, address, patience = (
-            self._link,
-            self._link.transport.address,
-            self._link.waiting.patience,
-        )
+        """Check the connection and its central, and handle a stop of the module."""
+        link, address = self._link, self._link.transport.address
+        patience = link.waiting.patience
         if self._stop.is_set() and not self._has_told:
             self._has_told = True
             self._link.log.info(
                 "module '%s' has stopped, and handles nothing any more", link.session.module
             )
             link.session.is_to_withdraw = True
-            link.transport.wake()  # if its thread waits on the connection, that reports it
+            link.transport.wake()  # a thread that waits on the connection then tells central
         since = max(self.since, this.heard.get(address, self.since))
         quiet = quiet_within(patience, is_idle=True)
         kept = link.keep(since, quiet * _OTHERS if address in this.asked else quiet)
@@ -94,6 +98,7 @@ class KeepAlive:
         self._tell(this, is_silent=is_silent)
 
     def _tell(self, this: Look, *, is_silent: bool) -> None:
+        """Log that central is silent or back; end the module if it does not reconnect."""
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost()
@@ -114,16 +119,16 @@ class KeepAlive:
 
 
 class _Keeper:
-    """The thread, while there is something to keep alive."""
+    """The thread. It runs while there is a module to keep alive."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  #: held while connections are looked at
+        self._lock = threading.Lock()  #: held during a pass
         self.waker = Waker()
         self._kept: list[KeepAlive] = []
         self._is_running = False
 
     def add(self, one: KeepAlive) -> None:
-        """From now on look after this."""
+        """Keep this module's connection alive from now on."""
         with self._lock:
             self._kept.append(one)
             if not self._is_running:
@@ -132,7 +137,7 @@ class _Keeper:
         self.waker.set()
 
     def remove(self, one: KeepAlive) -> None:
-        """Look after it no longer."""
+        """Stop doing so."""
         with self._lock:
             self._kept.remove(one)
         self.waker.set()
@@ -151,11 +156,11 @@ class _Keeper:
                     return
                 due = min(one.due for one in self._kept)
                 files = {file for one in self._kept for file in one.files}
-                self._kept.append(self._kept.pop(0))  # they take turns to ask
+                self._kept.append(self._kept.pop(0))  # modules take turns to probe central
             ready = self._wait(due, files)
 
     def _wait(self, due: float, files: Collection[int]) -> set[int]:
-        """Wait until something is due, or can be read; the files that can be."""
+        """Wait until a check is due or a file can be read; return the readable files."""
         poll = select.poll()
         for file in (self.waker.fileno(), *files):
             poll.register(file, select.POLLIN)
@@ -165,7 +170,7 @@ class _Keeper:
         if now - due > STALL:
             with self._lock:
                 for one in self._kept:
-                    one.since = now  # it was this process that stood still
+                    one.since = now  # this process stood still, so central's silence proves nothing
         return {file for file, _ in ready}
 
 
@@ -173,7 +178,7 @@ _keeper = _Keeper()
 
 
 def _begin_anew() -> None:
-    """A forked child has none of the threads, nor of the modules."""
+    """Start afresh in a forked child: it has neither the thread nor the modules."""
     global _keeper  # noqa: PLW0603
     _keeper = _Keeper()
 

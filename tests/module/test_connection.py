@@ -402,7 +402,7 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
     [
         (Send(0, "stance"), "ask again"),
         (headers.AwaitPoint(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
-        (headers.Lock(0, "camera", origin=7), "begin anew"),
+        (headers.Lock(0, "camera", origin=7), "start again"),
     ],
 )
 def test_what_was_lost_with_central_raises_and_says_what_to_do(
@@ -507,7 +507,7 @@ def test_a_late_answer_names_the_silence_before_it() -> None:
     central.script = lambda _: []
     central.say(Beat(), at=central.now + 6.0)  # the network is back
     with pytest.raises(
-        Timeout, match=r"not acknowledged within 7 s, central was not heard for 6\.0 s of it"
+        Timeout, match=r"not acknowledged within 7 s, central was silent for 6\.0 s of it"
     ):
         connection.call(Register(0, []), "the declaration", within=7.0)
     central.beat()

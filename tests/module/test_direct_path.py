@@ -406,9 +406,9 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
             (pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),),
             f"version {PROTOCOL_VERSION + 1}",
         ),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is not a sender"),
     ],
 )
 def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:

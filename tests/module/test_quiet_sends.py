@@ -276,9 +276,9 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
         session.reply(headers.Reply(9), b"")
     (line,) = *caplog.messages, *session.complaints
     assert line.startswith(
-        "the handler of rest {1} ended before it heard this: command 'stop' was refused: a circle;"
+        "the handler of rest {1} ended before this error: command 'stop' was refused: a circle;"
     )
-    assert line.endswith("to read the '.id' of what it sends raises it there")
+    assert line.endswith("reading the '.id' of a sent task raises its error in the handler")
 
 
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
@@ -486,7 +486,7 @@ def test_a_task_that_is_given_up_unheard_is_called_back(
         link.waiting.patience = 0.0
         with pytest.raises(
             CentralLost,
-            match="command 'stop' is killed as soon as central answers, if it had heard",
+            match="command 'stop' is killed as soon as central answers, if central received",
         ):
             stop.result()
         monkeypatch.undo()

@@ -80,7 +80,7 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert known_as(session, tap()) == ("two", 1)
     assert known_as(session, attach()) == ("two", 2)
     assert session.complaints == [
-        "central was restarted: exception handlers and wiretaps attached anew: 2"
+        "central was restarted: exception handlers and wiretaps attached again: 2"
     ]
 
 
@@ -107,7 +107,7 @@ def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
         "the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted"
     )
     assert complaint.endswith(
-        "has forgotten its tree, in which it was to watch until end achieving task 7"
+        "has forgotten its tree, so it can't watch until end achieving task 7"
     )
     hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
     assert said(session) == [HANDLERS]
@@ -272,7 +272,7 @@ A_REST = Send(0, "rest")
 
 
 def callback(number: int, request: int) -> Kill:
-    return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
+    return Kill(number, TaskId(-request), "its sender has given up waiting for its id")
 
 
 @pytest.fixture
