@@ -60,8 +60,8 @@ class _RemoteSender:
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}
         #: the highest number that was begun, or is older than this connection
         self.begun = greet.newest
-        self.untold = 0  #: number of informs begun since the last Begun
-        self.untold_bytes = 0
+        self.unreported = 0  #: number of informs begun since the last Begun
+        self.unreported_bytes = 0
         self.is_behind = False  #: an answer could not be sent
         self.licence = ""  #: the number of its licence
 
@@ -136,7 +136,7 @@ class Inbox:
                     msg = f"{len(frames)} frames; a packet is one"
                     raise ProtocolError(msg)  # noqa: TRY301
                 for header, body in direct.unpack_to_entrance(frames[0]):
-                    self._take_in(address, header, body)
+                    self._process(address, header, body)
             except ProtocolError as error:
                 self._refuse(address, str(error))
 
@@ -146,7 +146,7 @@ class Inbox:
         self._log.warning("refused a direct message: %s", text)
         self._socket.send(address, pack_item(Refused(number, refusal, text)))
 
-    def _take_in(self, address: bytes, header: Any, body: bytes) -> None:
+    def _process(self, address: bytes, header: Any, body: bytes) -> None:
         if isinstance(header, Greet):
             self._on_greet(address, header)
         elif (sender := self._senders.get(address)) is None:
@@ -241,10 +241,10 @@ class Inbox:
                 sender.open.pop(number, None)
                 continue
             if not waiting.is_query:
-                sender.untold += 1
-                sender.untold_bytes += len(waiting.body)
-            if sender.untold >= BEGUN_EVERY or sender.untold_bytes >= BEGUN_BYTES:
-                sender.untold = sender.untold_bytes = 0
+                sender.unreported += 1
+                sender.unreported_bytes += len(waiting.body)
+            if sender.unreported >= BEGUN_EVERY or sender.unreported_bytes >= BEGUN_BYTES:
+                sender.unreported = sender.unreported_bytes = 0
                 self._socket.send(sender.address, pack_item(Begun(number)))
             self._current = waiting
             waiting.began = self._clock()
@@ -281,7 +281,7 @@ class Inbox:
             outcome,
             failure,
         )
-        self._notes.handled(note, now)
+        self._notes.add_handled(note, now)
 
     def close(self) -> None:
         """Start nothing more, and close.
@@ -292,7 +292,7 @@ class Inbox:
         while self._waiting:
             for waiting in self._waiting:
                 if not waiting.is_query:
-                    self._notes.lost(waiting.header.message, self._clock())
+                    self._notes.add_lost(waiting.header.message, self._clock())
             self._waiting.clear()
             self._bytes = 0
             self.listen()

@@ -25,26 +25,26 @@ class DirectMessages:
         self,
         session: Session,
         transport: DealerTransport | None = None,
-        door: EntranceSocket | None = None,
+        entrance_socket: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
     ) -> None:
-        """Create it. Senders may send *messages* straight through the entrance *door*."""
+        """Create it. Senders may send *messages* straight to *entrance_socket*."""
         self._session = session
         self._notes = NoteBatch()
         self.routes = DirectRoutes(session, transport, self._notes)  #: the sending side
         self._inbox: Inbox | None = None
-        self._transport, self._door = transport, door
-        if transport is not None and door is not None:
+        self._transport, self._entrance_socket = transport, entrance_socket
+        if transport is not None and entrance_socket is not None:
             queries = {message.name: message.message_class.has_reply for message in messages}
             self._inbox = Inbox(
-                door,
-                door.entrance.key,
+                entrance_socket,
+                entrance_socket.entrance.key,
                 queries,
                 self._notes,
                 time.monotonic,
                 log_of(session.module),
             )
-            transport.add(door)
+            transport.add(entrance_socket)
 
     def listen(self) -> None:
         """Process arrived packets, without handling messages."""
@@ -80,7 +80,7 @@ class DirectMessages:
         return any(header.own or not is_busy for header, _ in self._session.deliveries)
 
     @property
-    def _may_take(self) -> bool:
+    def _may_start(self) -> bool:
         inbox = self._inbox
         return (
             inbox is not None
@@ -88,9 +88,9 @@ class DirectMessages:
             and not (inbox.is_busy or self._session.open_deliveries)
         )
 
-    def take(self) -> tuple[Deliver, bytes] | None:
+    def next_message(self) -> tuple[Deliver, bytes] | None:
         """Return the next direct message, if the slot handles nothing, or None."""
-        return self._inbox.take() if self._inbox is not None and self._may_take else None
+        return self._inbox.take() if self._inbox is not None and self._may_start else None
 
     def reply(self, header: Any, body: bytes) -> bool:
         """Send the outcome of a handler; return False if its message was not a direct one."""
@@ -102,7 +102,7 @@ class DirectMessages:
 
     def patience(self, seconds: float) -> float:
         """Return the seconds, at most *seconds*, in which there is nothing to do."""
-        if self._inbox is not None and self._may_take:
+        if self._inbox is not None and self._may_start:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
@@ -115,7 +115,7 @@ class DirectMessages:
         if self._notes.due != FAR:
             self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
-    def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
+    def retain_unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
         """Retain the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
@@ -126,20 +126,20 @@ class DirectMessages:
         """Whether messages may arrive from other senders than central."""
         return self._inbox is not None or bool(self.routes.paths)
 
-    def shut(self) -> None:
+    def stop_receiving(self) -> None:
         """Receive nothing more, and report the remaining notes.
 
         Senders send queries that have not begun to other handlers.
         """
         if self._inbox is not None:
-            if self._transport is not None and self._door is not None:
-                self._transport.remove(self._door)
+            if self._transport is not None and self._entrance_socket is not None:
+                self._transport.remove(self._entrance_socket)
             self._inbox.close()
             self._inbox = None
         self.report(at_once=True)
 
     def close(self) -> None:
-        """Close everything. Without ``shut`` before, begun messages have failed."""
+        """Close everything. Without ``stop_receiving`` before, begun messages have failed."""
         self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()

@@ -20,15 +20,15 @@ class NoteBatch:
         self._notes: list[tuple[float, Note]] = []  #: with the times when the messages ended
         self._losses: Counter[str] = Counter()
 
-    def handled(self, note: Note, now: float) -> None:
+    def add_handled(self, note: Note, now: float) -> None:
         """Add a note that a direct message was handled."""
         if len(self._notes) >= MOST_NOTES:
-            self.lost(NOTES_LOST, now)
+            self.add_lost(NOTES_LOST, now)
             return
         self._notes.append((now - note.ago, note))
         self.due = min(self.due, now + WITHIN)
 
-    def lost(self, message: str, now: float, number: int = 1) -> None:
+    def add_lost(self, message: str, now: float, number: int = 1) -> None:
         """Add a note that *number* direct informs were lost."""
         self._losses[message] += number
         self.due = min(self.due, now + WITHIN)
@@ -47,9 +47,9 @@ class NoteBatch:
         self._losses.clear()
         self.due = FAR
 
-    def restore(self, said: Noted, now: float) -> None:
+    def restore(self, sent: Noted, now: float) -> None:
         """Retain notes that could not be sent."""
-        for note in said.notes:
-            self.handled(note, now)
-        for loss in said.losses:
-            self.lost(loss.message, now, loss.number)
+        for note in sent.notes:
+            self.add_handled(note, now)
+        for loss in sent.losses:
+            self.add_lost(loss.message, now, loss.number)

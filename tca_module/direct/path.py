@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
 from tca_module.session.request import Request
-from tca_module.sockets.transport import Beside
+from tca_module.sockets.transport import EventSource
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import direct, headers
@@ -32,7 +32,7 @@ LAST_WORDS = 2.0  # seconds that a slot that has left still has for answering or
 PACKETS = 256  # packets read at a time
 
 
-class LineSocket(Beside, Protocol):
+class LineSocket(EventSource, Protocol):
     """Carries packets to an entrance and back."""
 
     @property
@@ -84,14 +84,14 @@ class DirectPath:
         self._under_way: dict[int, tuple[str, int]] = {}
         self._bytes = 0
         self._arrived = 0  #: the highest number that has arrived, since ``confirm`` asked
-        self._said = float("-inf")  #: when the slot was last sent a query or greeting
+        self._asked_at = float("-inf")  #: when the slot was last sent a query or greeting
         #: the slot has disconnected: when its queries fail, and why
-        self._gives_up: tuple[float, str] | None = None
+        self._gives_up_at: tuple[float, str] | None = None
 
     @property
     def is_usable(self) -> bool:
         """Whether messages can be sent on this path now."""
-        return self._is_open and not self.is_over and self._gives_up is None
+        return self._is_open and not self.is_over and self._gives_up_at is None
 
     @property
     def is_needed(self) -> bool:
@@ -102,11 +102,11 @@ class DirectPath:
     def is_restless(self) -> bool:
         """Whether ``tend`` may have something to do though nothing arrives."""
         return not self.is_over and (
-            self._gives_up is not None or self.is_needed or not self._is_open
+            self._gives_up_at is not None or self.is_needed or not self._is_open
         )
 
     @property
-    def unheard(self) -> int:
+    def unconfirmed(self) -> int:
         """The number of informs that may not have arrived, and do not count as lost yet."""
         under_way = {} if self.is_over else self._under_way
         return sum(
@@ -117,7 +117,7 @@ class DirectPath:
         """Ask the slot what has arrived, and ignore what it said before."""
         self.receive()
         self._arrived = 0
-        self.is_asked = self.unheard > 0
+        self.is_asked = self.unconfirmed > 0
 
     def ask(self, request: Request, now: float) -> bool:
         """Send a query; return False if it must go another way.
@@ -134,7 +134,7 @@ class DirectPath:
             return False
         self.requests[self._newest] = request
         request.path, request.number = self, self._newest
-        self._said = now
+        self._asked_at = now
         return True
 
     def tell(self, header: headers.Send, body: bytes) -> bool:
@@ -161,7 +161,7 @@ class DirectPath:
         if not self.socket.send(
             pack_item(Direct(self._newest + 1, header.message, header.origin), body)
         ):
-            self._is_open, self._said = False, float("-inf")
+            self._is_open, self._asked_at = False, float("-inf")
             return False
         self._newest += 1
         self._under_way[self._newest] = inform, len(body)
@@ -171,18 +171,18 @@ class DirectPath:
     def tend(self, now: float) -> None:
         """Greet when that is due; give up on a slot that has disconnected."""
         is_waiting = self.requests or self._under_way or not self._is_open
-        if self._gives_up is not None and now >= self._gives_up[0]:
-            for request in self._all_requests():
+        if self._gives_up_at is not None and now >= self._gives_up_at[0]:
+            for request in self._close_and_pop_requests():
                 request.answers.append(
-                    (Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL)
+                    (Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up_at[1]), NIL)
                 )
                 self._end(request)
-            self._lose_informs([*self._under_way], self._gives_up[1])
-        if self.is_over or not (self.is_asked or (is_waiting and now - self._said >= REPEAT)):
+            self._lose_informs([*self._under_way], self._gives_up_at[1])
+        if self.is_over or not (self.is_asked or (is_waiting and now - self._asked_at >= REPEAT)):
             return
         if self.socket.is_connected:
             self.is_asked = False
-            self._said = now
+            self._asked_at = now
             greet = Greet(
                 PROTOCOL_VERSION,
                 self.entrance.key,
@@ -198,16 +198,16 @@ class DirectPath:
         answers.
         """
         self.receive()
-        self._gives_up = now + (0 if lost else LAST_WORDS), text
+        self._gives_up_at = now + (0 if lost else LAST_WORDS), text
         self.tend(now)
 
     def lose_all(self, why: str) -> None:
         """Fail all queries: their outcome is unknown."""
-        for request in self._all_requests():
+        for request in self._close_and_pop_requests():
             request.lost = why
             self._end(request)
 
-    def _all_requests(self) -> list[Request]:
+    def _close_and_pop_requests(self) -> list[Request]:
         """Close the path and return its unanswered queries, for which this is the end."""
         self.is_over = True
         requests = list(self.requests.values())
@@ -224,7 +224,7 @@ class DirectPath:
                 for header, body in direct.unpack_from_entrance(packet):
                     self._ON[type(header)](self, header, body)
             except ProtocolError as error:
-                self.complaints.append(f"{self.entrance.endpoint} sent no valid packet: {error}")
+                self.complaints.append(f"{self.entrance.endpoint} sent an invalid packet: {error}")
 
     def _on_answer(self, header: Answer, body: bytes) -> None:
         self._begun(header.number)
@@ -237,10 +237,10 @@ class DirectPath:
             self._begun(number)
 
     def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
-        self._is_open, self._said = False, float("-inf")
+        self._is_open, self._asked_at = False, float("-inf")
 
     def _on_closing(self, _header: headers.Closing, _: bytes) -> None:
-        for request in self._all_requests():
+        for request in self._close_and_pop_requests():
             self._hand_over(request)
         self._lose_informs([*self._under_way], "their handler has left")
 

@@ -28,7 +28,7 @@ class DirectRoutes:
         self, session: Session, transport: DealerTransport | None, notes: NoteBatch
     ) -> None:
         self._session = session
-        self._way = token_hex(16)  #: identifies this connection
+        self._id = token_hex(16)  #: identifies this connection
         self._transport = transport
         self._notes = notes
         self._routes: dict[str, deque[DirectPath]] = {}  #: message -> its paths, used in turn
@@ -40,14 +40,14 @@ class DirectRoutes:
         self._epoch = ""
         self._log = log_of(session.module)
 
-    def ask(self, header: Send, body: bytes) -> Request | None:
+    def send_query(self, header: Send, body: bytes) -> Request | None:
         """Send a query directly; return None if it must go through central."""
         if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
         return request if path.ask(request, time.monotonic()) else None
 
-    def tell(self, header: ToCentral, body: bytes) -> bool:
+    def send_inform(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; return False if it must go through central, or is another
         header.
         """
@@ -73,9 +73,9 @@ class DirectRoutes:
             path.confirm()
 
     @property
-    def unheard(self) -> int:
+    def unconfirmed(self) -> int:
         """The number of informs that may not have arrived."""
-        return sum(path.unheard for path in self.paths.values())
+        return sum(path.unconfirmed for path in self.paths.values())
 
     @property
     def is_restless(self) -> bool:
@@ -99,8 +99,8 @@ class DirectRoutes:
                 self._on_welcome(header)
             elif isinstance(header, Barred):
                 pass  # for the receiving side
-            elif (gone := self.paths.get(header.endpoint)) is not None:
-                gone.gone(header.text, now, lost=header.lost)
+            elif (closing := self.paths.get(header.endpoint)) is not None:
+                closing.gone(header.text, now, lost=header.lost)
         for path in self.paths.values():
             path.receive()
             path.tend(now)
@@ -125,13 +125,13 @@ class DirectRoutes:
             return None
         if known is not None:
             self._close(known)
-        way = f"{self._way}/{next(self._numbers)}"
+        session = f"{self._id}/{next(self._numbers)}"
         path = DirectPath(
             entrance,
             socket,
-            way,
+            session,
             self._session.module,
-            end=self._session.end,
+            end=self._session.finish,
             hand_over=self._session.adopt,
             lose=self._lose,
         )
@@ -158,7 +158,7 @@ class DirectRoutes:
         elif not self._has_dropped:
             self._has_dropped = True
             self._log.warning("informs '%s' are lost: their handler is too slow", message)
-        self._notes.lost(message, time.monotonic(), number)
+        self._notes.add_lost(message, time.monotonic(), number)
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}

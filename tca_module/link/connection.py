@@ -23,7 +23,7 @@ from tca_module.session.epoch_numbers import (
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
-from tca_module.sockets.transport import is_anybody_there
+from tca_module.sockets.transport import accepts_connections
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
@@ -35,7 +35,7 @@ ACKNOWLEDGED_WITHIN = 30.0
 _LEAVE_WITHIN = 2.0  # seconds that central has to acknowledge a leaving module
 LINGER = 10.0  # seconds that closing waits for sent messages to arrive
 # unacknowledged task sends on one connection; central remembers the requests of 128 tasks
-MOST_UNTOLD = 100
+MAX_UNACKNOWLEDGED = 100
 
 
 class Connection(Waits):
@@ -63,7 +63,7 @@ class Connection(Waits):
 
         An error is ignored: central notices anyway when the connection closes.
         """
-        self.session.withdrawn()
+        self.session.forget_handlers()
         with contextlib.suppress(CentralLost, Timeout, Refused):
             if self.session.is_welcome:
                 self.call(headers.Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
@@ -112,9 +112,9 @@ class Connection(Waits):
 
         Returns the id of the resulting task or message. *what* names the request in errors.
         """
-        with self.mine():
+        with self.locked():
             request = self.request(header, body, is_awaited=True)
-            self._wait_for_word(request, what, within)
+            self._wait_for_acknowledgement(request, what, within)
             return request.accepted or 0
 
     def answered(
@@ -137,7 +137,7 @@ class Connection(Waits):
             )
         return request
 
-    def _wait_for_word(
+    def _wait_for_acknowledgement(
         self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN
     ) -> None:
         """Wait until central has accepted a request. Raises Timeout otherwise."""
@@ -155,10 +155,10 @@ class Connection(Waits):
         If central refuses the task, the error is raised by the first use of the id, the sender's
         next call, or ``settle``. While central is away, this waits for it.
         """
-        with self.mine():
+        with self.locked():
             session, epoch = self.session, self.session.epoch
-            if session.sends.untold >= MOST_UNTOLD:
-                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
+            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED:
+                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
@@ -172,10 +172,10 @@ class Connection(Waits):
         A refusal is raised by the next call of the same sender, or by ``settle``. A change that
         came too late is only logged.
         """
-        with self.mine():
+        with self.locked():
             session = self.session
-            if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
-                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
+            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED and session.is_welcome:
+                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
             self._catch_up_for(header)
             request = session.send(header, body, what)
             self.line.flush(0.0, is_patient=True)
@@ -187,17 +187,17 @@ class Connection(Waits):
         Raises the error of the send. Works from any thread.
         """
         if not self.is_mine:
-            self._overhear(request)
+            self._wait_from_other_thread(request)
         try:
             if self.is_mine:
-                self._wait_for_word(request, request.what)
+                self._wait_for_acknowledgement(request, request.what)
         finally:
             self.session.sends.discard(request)
         request.check(request.what)
         assert request.accepted is not None
         return request.accepted
 
-    def _overhear(self, request: Request) -> None:
+    def _wait_from_other_thread(self, request: Request) -> None:
         """Wait in another thread than the connection's own until a sent task is accepted or
         refused.
 
@@ -225,13 +225,13 @@ class Connection(Waits):
         no *wait*: their Reply says how many refusals they know, and central compares.
         """
         session = self.session
-        if session.sends.untold:
+        if session.sends.unacknowledged:
             with self._lock:
                 self.line.catch_up()
-                if wait and session.sends.untold:
+                if wait and session.sends.unacknowledged:
                     session.confirm()
                     self.line.flush()
-                    self.waiting.until(lambda: not session.sends.untold, None)
+                    self.waiting.until(lambda: not session.sends.unacknowledged, None)
         session.sends.check(origin)
 
     def request(
@@ -247,11 +247,11 @@ class Connection(Waits):
         If central does not take the packet at once, wait a little, unless *is_awaited*: then
         ``wait`` follows and sends it.
         """
-        with self.mine():
+        with self.locked():
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (asked := self.direct.routes.ask(header, body)) is not None:
+            elif (asked := self.direct.routes.send_query(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
                 return asked
             else:
@@ -324,7 +324,7 @@ class Connection(Waits):
 
     def is_taken(self, request: Request) -> bool:
         """Return whether the lock of a request was lost, as far as is known here. Never waits."""
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
             return bool(request.taken)
 
@@ -333,9 +333,9 @@ class Connection(Waits):
 
         If central is not there, the message is lost, counted and logged.
         """
-        with self.mine():
+        with self.locked():
             self._catch_up_for(header)
-            if self.direct.routes.tell(header, body):
+            if self.direct.routes.send_inform(header, body):
                 self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
@@ -351,7 +351,7 @@ class Connection(Waits):
         """Send the outcome of a handler."""
         with self._lock:
             if self.direct.reply(header, body):
-                self.session.open_deliveries.end(header.delivery)
+                self.session.open_deliveries.remove(header.delivery)
             elif not self.session.reply(header, body, self.line.time()):
                 self.line.flush()
 
@@ -360,13 +360,13 @@ class Connection(Waits):
 
         The handler then counts as notified: no wait raises the same again.
         """
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
             return self.session.open_deliveries.read_cancelled(delivery)
 
     def is_suspended(self, delivery: int) -> bool:
         """Return whether the task of an open delivery is suspended."""
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
             return self.session.open_deliveries.is_suspended(delivery)
 
@@ -378,7 +378,7 @@ class Connection(Waits):
         except ORDINARY:
             self.log.exception("%s failed", name)
 
-    def hear_threads(self) -> None:
+    def run_requested_calls(self) -> None:
         """Run the functions that other threads have passed to ``call_soon``."""
         while self.session.news:
             self.session.news.popleft()()
@@ -401,11 +401,11 @@ class Connection(Waits):
         with self._lock:
             session = self.session
             try:
-                self.direct.shut()
+                self.direct.stop_receiving()
                 self._wait_for_arrival(linger, before)
                 # If something is still unconfirmed, central is away and callbacks would wait for
                 # it.
-                if self.is_mine and not self.are_owed:
+                if self.is_mine and not self.has_unconfirmed:
                     self.attend()
                     self._wait_for_arrival(linger, before)
             finally:
@@ -429,7 +429,7 @@ class Connection(Waits):
         self.call_soon(self.session.confirm)
         self.call_soon(self.direct.routes.confirm)
         until = self.now() + within
-        while self.now() < until and self.are_owed:
+        while self.now() < until and self.has_unconfirmed:
             if self._lock.acquire(timeout=STEP):
                 return True
         return False
@@ -445,9 +445,9 @@ class Connection(Waits):
         """The number of messages that may not have arrived."""
         return (
             self.lost
-            + self.session.unheard
-            + self.session.sends.untold
-            + self.direct.routes.unheard
+            + self.session.unconfirmed
+            + self.session.sends.unacknowledged
+            + self.direct.routes.unconfirmed
         )
 
     @property
@@ -456,9 +456,9 @@ class Connection(Waits):
         return self.session.lost + self.direct.routes.lost
 
     @property
-    def are_owed(self) -> bool:
+    def has_unconfirmed(self) -> bool:
         """Whether central, or a handler, has yet to confirm that something arrived."""
-        return bool(self.direct.routes.unheard) or not self.session.is_settled
+        return bool(self.direct.routes.unconfirmed) or not self.session.is_confirmed
 
     def messages(self, number: int) -> str:
         """Return "*number* messages of this module", for errors."""
@@ -469,26 +469,26 @@ class Connection(Waits):
         earlier.
         """
         session, since = self.session, self.now()
-        is_waited_for = not session.is_settled and (
-            session.is_welcome or self.lost > before or session.sends.untold > 0
+        is_waited_for = not session.is_confirmed and (
+            session.is_welcome or self.lost > before or session.sends.unacknowledged > 0
         )
         if is_waited_for:
             session.confirm()
         self.direct.routes.confirm()
-        while (is_waited_for and not session.is_settled) or self.direct.routes.unheard:
+        while (is_waited_for and not session.is_confirmed) or self.direct.routes.unconfirmed:
             left = since + within - self.now()
             session.tend(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
-            if left <= 0 or (session.outgoing and not is_anybody_there(self.transport.address)):
+            if left <= 0 or (session.outgoing and not accepts_connections(self.transport.address)):
                 return
             self.line.listen(min(STEP, left))
 
     def _why_missing(self) -> str:
         """Return where messages may be missing, and why."""
         where = f"central at {self.transport.address}"
-        if not self.session.is_settled:
-            return f"{where}: {self.line.what_to_do()}"
-        if self.direct.routes.unheard:
+        if not self.session.is_confirmed:
+            return f"{where}: {self.line.advice()}"
+        if self.direct.routes.unconfirmed:
             return "their handler, which does not answer"
         if self.session.lost:
             return f"{where}: the connection broke"

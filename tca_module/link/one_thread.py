@@ -15,7 +15,7 @@ SEND_WITH_YOUR_OWN = (
 )
 
 
-class OfOneThread:
+class ThreadBound:
     """The part of a Connection that refuses use in other threads and processes.
 
     Everything that users hold leads to it, so each of their calls is checked.
@@ -54,7 +54,7 @@ class OfOneThread:
             owner = f"belongs to thread '{self._owner_name}', which {owns}"
             raise MisuseError(f"{what} {where}, but {owner}: {remedy}")
 
-    def mine(self) -> AbstractContextManager[object]:
+    def locked(self) -> AbstractContextManager[object]:
         """Return the lock, for a ``with`` block in the owning thread.
 
         Raises MisuseError in other threads before locking: a thread that serves holds the lock for
@@ -64,7 +64,7 @@ class OfOneThread:
         lock: AbstractContextManager[object] = self._lock
         return lock
 
-    def be_inherited(self) -> None:
+    def mark_inherited(self) -> None:
         """Mark this connection as inherited by a forked process: no thread owns it, no lock opens.
 
         The thread checks that every call makes then report the fork.
@@ -91,7 +91,7 @@ class _NoLock:
     Another thread may have held the real lock when the process was forked.
     """
 
-    def __init__(self, connection: OfOneThread) -> None:
+    def __init__(self, connection: ThreadBound) -> None:
         self._connection = connection
 
     def acquire(self, **_: object) -> None:
@@ -103,13 +103,13 @@ class _NoLock:
     def __exit__(self, *_: object) -> None: ...
 
 
-_opened_here: WeakSet[OfOneThread] = WeakSet()
+_opened_here: WeakSet[ThreadBound] = WeakSet()
 
 
 def _inherit() -> None:
     """Mark all connections as inherited in a forked child, which must open its own."""
     for connection in list(_opened_here):
-        connection.be_inherited()
+        connection.mark_inherited()
     _opened_here.clear()
 
 

@@ -66,12 +66,12 @@ def _connection_by_socket(
     direct: list[Message[Any, Any]],
     attachments: LastingAttachments | None,
 ) -> Connection:
-    transport, door = DealerTransport(address), None
+    transport, entrance_socket = DealerTransport(address), None
     hello = msgspec.structs.replace(hello, pulse=transport.pulse)
     if direct:
         try:
-            door = EntranceSocket(address)
-            hello = msgspec.structs.replace(hello, entrance=door.entrance)
+            entrance_socket = EntranceSocket(address)
+            hello = msgspec.structs.replace(hello, entrance=entrance_socket.entrance)
         except OSError as error:
             log = log_of(hello.module)
             log.warning(
@@ -80,7 +80,7 @@ def _connection_by_socket(
                 error,
             )
     session = Session(hello, attachments)
-    without_central = DirectMessages(session, transport, door, direct)
+    without_central = DirectMessages(session, transport, entrance_socket, direct)
     return Connection(transport, session, patience=patience, direct=without_central)
 
 

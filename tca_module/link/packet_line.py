@@ -7,8 +7,13 @@ from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.curve import why_not_let_in
-from tca_module.sockets.transport import Transport, context, is_anybody_there, is_turned_away
+from tca_module.sockets.curve import key_problem
+from tca_module.sockets.transport import (
+    Transport,
+    accepts_connections,
+    context,
+    rejects_connections,
+)
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
@@ -61,21 +66,19 @@ class PacketLine:
             return f"central was silent for {seconds:.1f} s of it: {where}"
         return self.silence or "though central is alive: it is overloaded"
 
-    def lost(self) -> CentralLost:
+    def lost_error(self) -> CentralLost:
         """Return the CentralLost for a central that does not answer."""
-        return CentralLost(
-            f"central at {self._transport.address} does not answer: {self.what_to_do()}"
-        )
+        return CentralLost(f"central at {self._transport.address} does not answer: {self.advice()}")
 
-    def what_to_do(self) -> str:
+    def advice(self) -> str:
         """Return advice for when central does not answer. Takes a moment."""
-        if is_turned_away(self._transport.address):
+        if rejects_connections(self._transport.address):
             return (
                 "it takes no more connections: end some programs, or start it with a higher limit"
                 " of file descriptors (ulimit -Hn)"
             )
-        if is_anybody_there(self._transport.address):
-            if lacking := why_not_let_in(context(), self._transport.address):
+        if accepts_connections(self._transport.address):
+            if lacking := key_problem(context(), self._transport.address):
                 return lacking
             return (
                 "it accepts connections, but its process is stopped (SIGSTOP, a paused container:"
@@ -105,13 +108,13 @@ class PacketLine:
         """
         packet = self._transport.receive(timeout, alarm)
         if packet is not None:
-            self._take_in(packet)
+            self._process(packet)
         else:
             self.direct.report()  # only when all packets are read: central may have ended
         self.direct.listen()
         return packet is not None
 
-    def _take_in(self, packet: bytes) -> None:
+    def _process(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
         now, session = self.clock(), self.session
@@ -123,7 +126,7 @@ class PacketLine:
                 self.session.receive(header, body, now)
         except ProtocolError as error:
             self._log.warning(
-                "central at %s sent what is no message: %s", self._transport.address, error
+                "central at %s sent an invalid packet: %s", self._transport.address, error
             )
         while self.session.complaints:
             self._log.warning("%s", self.session.complaints.pop(0))
@@ -139,7 +142,7 @@ class PacketLine:
                 if not self._transport.send(packet, wait_seconds):
                     self.session.outgoing = outgoing[before:]
                     if not is_patient:
-                        self.direct.unsent(self.session.outgoing)
+                        self.direct.retain_unsent(self.session.outgoing)
                         self.session.break_off()
                     return False
         return True

@@ -11,7 +11,7 @@ class Stop(threading.Event):
         super().__init__()
         self._wakes: list[Callable[[], None]] = []
 
-    def wakes(self, wake: Callable[[], None]) -> None:
+    def on_set(self, wake: Callable[[], None]) -> None:
         """Call *wake*, too, when this is set."""
         self._wakes.append(wake)
         if self.is_set():

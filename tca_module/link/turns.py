@@ -27,8 +27,10 @@ class Turns:
         self._lock = lock
         self._is_watched = False
 
-    def take(self, goes_on: Callable[[], bool], handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle the first prefetched message, and more while *goes_on* allows and time lasts."""
+    def run(
+        self, may_continue: Callable[[], bool], handle: Callable[[Deliver, bytes], None]
+    ) -> None:
+        """Handle the first prefetched message, and more while *may_continue* and time allow."""
         session, until = self._session, self._line.clock() + QUICK
         try:
             while True:
@@ -42,13 +44,13 @@ class Turns:
                     handle(header, body)
                 finally:
                     self._lock.acquire()
-                if self._line.clock() >= until or not goes_on():
+                if self._line.clock() >= until or not may_continue():
                     break
         finally:
             session.held.stop()
         self._line.flush()
 
-    def send_late(self) -> bool:
+    def send_late_replies(self) -> bool:
         """Send the replies that wait, from another thread. Returns False if there were none."""
         # First, because a turn adds its reply before it tests this flag.
         self._is_watched = False
@@ -84,17 +86,19 @@ class _Watcher:
             time.sleep(LATE)
             with self._lock:
                 idle = 0 if self._watched else idle + 1
-                self._watched = {turns: None for turns in self._watched if turns.send_late()}
+                self._watched = {
+                    turns: None for turns in self._watched if turns.send_late_replies()
+                }
                 self._is_running = idle < _IDLE
 
 
 _watcher = _Watcher()
 
 
-def _begin_anew() -> None:
+def _reset_after_fork() -> None:
     """Start afresh in a forked child, which has none of the threads."""
     global _watcher  # noqa: PLW0603
     _watcher = _Watcher()
 
 
-os.register_at_fork(after_in_child=_begin_anew)
+os.register_at_fork(after_in_child=_reset_after_fork)

@@ -32,12 +32,12 @@ class WaitLoop:
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: a callback is running
-        #: the handler whose repeated wait (``in_turn``) came last
-        self._one: OpenDelivery | None = None
+        #: the handler whose repeated wait (``wait_repeatedly``) came last
+        self._handler: OpenDelivery | None = None
         #: when central's silence for that handler started; when its last wait ended
-        self._since = self._left = line.clock()
+        self._since = self._left_at = line.clock()
         #: a probe of central: no prefetched message begins before its answer
-        self._word: Request | None = None
+        self._probe: Request | None = None
 
     def until(
         self,
@@ -76,21 +76,21 @@ class WaitLoop:
         If both happen at once, the result is returned, unless the same kill produced it.
         """
         open_deliveries = self._session.open_deliveries
-        one = open_deliveries.waiting_handler()
-        can_wake = one is not None or open_deliveries.is_ending is not never
+        handler = open_deliveries.waiting_handler()
+        can_wake = handler is not None or open_deliveries.is_ending is not never
         if not can_wake or (request is not None and not request.waits_for_others):
             return self.until(is_over, timeout, alarm, since)
-        came = self.until(
-            lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm, since
+        is_in_time = self.until(
+            lambda: is_over() or bool(open_deliveries.wake_reason(handler)), timeout, alarm, since
         )
-        why = open_deliveries.wake_reason(one)
+        why = open_deliveries.wake_reason(handler)
         if why and (
             not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)
         ):
             self.check_woken(what)
-        return came
+        return is_in_time
 
-    def in_turn(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
+    def wait_repeatedly(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
         """Wait in a handler that waits repeatedly, until *is_over* or *alarm*; return whether it is
         over.
 
@@ -98,43 +98,45 @@ class WaitLoop:
         time between two waits counts only in part, because perhaps no thread listened.
         """
         session, time, now = self._session, self._line.time, self._clock()
-        one = session.open_deliveries.waiting_handler()
-        if one is not self._one:
-            self._one, self._since = one, now
+        handler = session.open_deliveries.waiting_handler()
+        if handler is not self._handler:
+            self._handler, self._since = handler, now
         else:
-            self._since += max(0.0, now - self._left - _BETWEEN * self.patience)
+            self._since += max(0.0, now - self._left_at - _BETWEEN * self.patience)
         self._since = max(self._since, session.heard)
         try:
             self.unless_woken(
                 lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=self._since
             )
-            if not (came := is_over()):  # also when the loop comes late and never really waits
+            is_in_time = is_over()
+            if not is_in_time:
+                # Here, too, for a loop that comes late every time and so never really waits.
                 self.check_woken(what)
                 if self._clock() >= max(self._since, session.heard) + self.patience:
-                    raise self._line.lost()
+                    raise self._line.lost_error()
         except CentralLost:
             self._since = self._clock()  # clean-up code gets the full patience again
             raise
         finally:
-            self._left = self._clock()
-        return came
+            self._left_at = self._clock()
+        return is_in_time
 
     def check_woken(self, what: object) -> None:
         """Raise TaskKilled or Stopped if the calling handler must be woken from its wait for
         *what*.
         """
         open_deliveries = self._session.open_deliveries
-        one = open_deliveries.waiting_handler()
-        if why := open_deliveries.wake_reason(one):
-            open_deliveries.mark_told(one)
-            raise wake_error(one, why, self._session.module, str(what))
+        handler = open_deliveries.waiting_handler()
+        if why := open_deliveries.wake_reason(handler):
+            open_deliveries.mark_told(handler)
+            raise wake_error(handler, why, self._session.module, str(what))
 
     @property
-    def has_news(self) -> bool:
-        """Whether ``take_news`` has something to do."""
+    def has_pending_call(self) -> bool:
+        """Whether ``run_pending_call`` has something to do."""
         return bool(self._session.news or (self.callbacks and not self.is_calling_back))
 
-    def take_news(self) -> None:
+    def run_pending_call(self) -> None:
         """Make one pending call: the library's own first, else a callback (not inside another)."""
         if self._session.news:
             self._session.news.popleft()()
@@ -174,13 +176,13 @@ class WaitLoop:
         since = now if begun is None else begun
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
-            if self.has_news:
-                self.take_news()
+            if self.has_pending_call:
+                self.run_pending_call()
                 continue
-            if (session.deliveries or session.ahead) and self._handles_now(is_nested=idle is None):
+            if (session.deliveries or session.ahead) and self._handle_due(is_nested=idle is None):
                 continue
             due = session.tend(now, since, quiet)
-            if session.outgoing and not self._has_sent(
+            if session.outgoing and not self._flush_within(
                 max(0.0, min(deadline - now, alarm - line.time()))
             ):
                 due = now
@@ -191,17 +193,17 @@ class WaitLoop:
             if now - before > step + STALL:
                 # This process stood still: central may have sent packets that are not read yet.
                 since = self._since = now
-                self._doubt_what_is_ahead()
+                self._recheck_prefetched()
             if idle is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # listens to central in between
             is_silent = now >= max(session.heard, since) + patience
             if now >= deadline and (begun is None or not is_silent):
                 return is_over()
             if is_silent:
-                raise line.lost()
+                raise line.lost_error()
         return True
 
-    def _handles_now(self, *, is_nested: bool) -> bool:
+    def _handle_due(self, *, is_nested: bool) -> bool:
         """Handle a message that must be handled now; return whether there was one.
 
         The wait of a callback also handles the next prefetched message: the answer may depend on
@@ -217,7 +219,7 @@ class WaitLoop:
             handle(*delivery)
         return delivery is not None
 
-    def _has_sent(self, left: float) -> bool:
+    def _flush_within(self, left: float) -> bool:
         """Send the outgoing headers; return whether they left in time."""
         session = self._session
         if session.is_welcome:
@@ -228,42 +230,42 @@ class WaitLoop:
             within = STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
-    def _doubt_what_is_ahead(self) -> None:
+    def _recheck_prefetched(self) -> None:
         """Probe central after this process stood still.
 
         Central may have given the prefetched messages to another slot in the meantime.
         """
-        self._hear_all()
-        if self._session.ahead and (self._word is None or self._word.is_over):
-            self._word = self._session.ask_for_word()
+        self._receive_all()
+        if self._session.ahead and (self._probe is None or self._probe.is_over):
+            self._probe = self._session.probe()
 
-    def _hear_all(self) -> None:
+    def _receive_all(self) -> None:
         while self._line.listen(0.0):
             pass
 
     @property
     def _has_next(self) -> bool:
-        return self._session.has_next and (self._word is None or self._word.is_over)
+        return self._session.has_next and (self._probe is None or self._probe.is_over)
 
     def _may_begin_next(self) -> bool:
         """Return whether a prefetched message may begin: no arrived packet recalls it."""
         if self._has_next:
-            self._hear_all()
+            self._receive_all()
             self._line.flush()  # returned deliveries must not wait for a handler
         return self._has_next
 
-    def _goes_on(self) -> bool:
-        return self._session.has_next and not self.has_news
+    def _may_continue(self) -> bool:
+        return self._session.has_next and not self.has_pending_call
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
         """Handle, for a moment, the messages that come when nothing else is due: prefetched and
         direct ones.
         """
         if self._may_begin_next():
-            self._turns.take(self._goes_on, handle)
+            self._turns.run(self._may_continue, handle)
             return
         until = self._clock() + QUICK
-        while (message := self._direct.take()) is not None:
+        while (message := self._direct.next_message()) is not None:
             handle(*message)
-            if self.has_news or self._clock() >= until:
+            if self.has_pending_call or self._clock() >= until:
                 return

@@ -14,7 +14,7 @@ from typing import Any, Self
 from tca_module.checks import BRIEF, TIMEOUT, check
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError
-from tca_module.link.one_thread import OfOneThread
+from tca_module.link.one_thread import ThreadBound
 from tca_module.link.packet_line import PacketLine
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.log import log_of
@@ -48,7 +48,7 @@ class ToldWait:
     brief: bool
     """The wait ends soon without help, so it is no deadlock."""
     blocking: bool = True
-    told: tuple[list[int], int] | None = None
+    announced: tuple[list[int], int] | None = None
     """The announced request numbers, and the number of changes that had arrived by then."""
 
     def __enter__(self) -> Self:
@@ -61,8 +61,8 @@ class ToldWait:
         anyway.
         """
         if (
-            self.told is not None
-            and self.told == self._now
+            self.announced is not None
+            and self.announced == self._now
             and isinstance(self.requests[0].header, Observe)
         ):
             self._post(-1)
@@ -70,14 +70,14 @@ class ToldWait:
 
     def until(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
         """Return *is_over*, extended so that central is informed whenever it is False."""
-        return (lambda: is_over() or self._tell()) if self.requests else is_over
+        return (lambda: is_over() or self._announce()) if self.requests else is_over
 
-    def _tell(self) -> bool:
+    def _announce(self) -> bool:
         """Announce the wait, unless central knows it or a call is pending. Always returns False."""
-        if not (self.blocking and self.connection.waiting.has_news):
+        if not (self.blocking and self.connection.waiting.has_pending_call):
             now = self._now
-            if now is not None and now != self.told:
-                self.told = now
+            if now is not None and now != self.announced:
+                self.announced = now
                 self._post(now[1])
         return False
 
@@ -103,7 +103,7 @@ class ToldWait:
         return [one.header.number for one in self.requests], sum(one.seen for one in observed)
 
 
-class Waits(OfOneThread):
+class Waits(ThreadBound):
     """The part of a Connection that waits.
 
     In a handler each wait raises TaskKilled, once, if the task was killed, and Stopped, once, if
@@ -166,9 +166,9 @@ class Waits(OfOneThread):
                 with told or ToldWait(
                     self, [request] * is_followed, timeout is not None and timeout < BRIEF
                 ) as wait:
-                    is_told = wait.until(is_done)
-                    came = is_done() or self.waiting.unless_woken(
-                        is_told, timeout, what, request, since=since
+                    condition = wait.until(is_done)
+                    is_in_time = is_done() or self.waiting.unless_woken(
+                        condition, timeout, what, request, since=since
                     )
             except CentralLost as error:
                 self.abandon(request)
@@ -182,7 +182,7 @@ class Waits(OfOneThread):
             if request.refused is not None and not request.what:
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
-            return came
+            return is_in_time
 
     def until_over(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
@@ -202,8 +202,8 @@ class Waits(OfOneThread):
             with ToldWait(
                 self, [request] * isinstance(request.header, Observe), brief=False, blocking=False
             ) as told:
-                is_told = told.until(is_done)
-                while not is_told():
+                condition = told.until(is_done)
+                while not condition():
                     yield from self.await_news(request)
         except BaseException:
             if is_over is None:
@@ -223,13 +223,13 @@ class Waits(OfOneThread):
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                # else the event loop sends the announcements of its coroutines together
+                # Otherwise, the event loop sends the announcements of all its coroutines together.
                 if blocking:
                     self.line.flush()
 
     def abandon(self, request: Request) -> None:
         """Give up a request: its answer is no longer wanted."""
-        with self.mine():
+        with self.locked():
             given_up.abandon(self.session, request)
             self.line.flush(0.0, is_patient=True)
 
@@ -261,7 +261,7 @@ class Waits(OfOneThread):
         Between messages, *idle* is called with the seconds that it may wait. It returns False if it
         did not wait.
         """
-        with self.mine():
+        with self.locked():
             self.waiting.serve(is_over, idle)
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
@@ -280,7 +280,7 @@ class Waits(OfOneThread):
 
     def pause(self, seconds: float, what: str) -> None:
         """Wait for *seconds*, on behalf of *what*. Raises what ``wait`` does."""
-        with self.mine():
+        with self.locked():
             self.waiting.unless_woken(lambda: False, seconds, what)
 
     def wait_until(
@@ -296,10 +296,10 @@ class Waits(OfOneThread):
         The condition is tested again after each ``call_soon``, and at each change of the requests
         in *on*; central is informed of a wait for these. Raises what ``wait`` does.
         """
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
             with ToldWait(self, on, brief=True) as told:
-                return self.waiting.in_turn(
+                return self.waiting.wait_repeatedly(
                     told.until(is_over), what, math.inf if moment is None else moment
                 )
 
@@ -309,7 +309,7 @@ class Waits(OfOneThread):
 
         Wakes no handler, and raises nothing if the end does not arrive.
         """
-        with self.mine():
+        with self.locked():
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: request.is_over, _REST_WITHIN)
             self.attend()
@@ -323,22 +323,22 @@ class Waits(OfOneThread):
 
     def catch_up(self) -> None:
         """Process arrived packets. Never waits."""
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
 
     def attend(self) -> None:
         """Process arrived packets, and make the calls due because of them. Never waits."""
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
-            while self.waiting.has_news:
-                self.waiting.take_news()
+            while self.waiting.has_pending_call:
+                self.waiting.run_pending_call()
 
     def flush(self) -> None:
         """Send the outgoing headers."""
         with self._lock:
             self.line.flush()
 
-    def tend(self, since: float) -> float:
+    def keep_alive(self, since: float) -> float:
         """Keep the connection alive while its own thread is busy; return the seconds of central's
         silence.
         """
@@ -346,8 +346,8 @@ class Waits(OfOneThread):
             self.line.catch_up(since, quiet_within(self.waiting.patience))
             return self.now() - max(self.session.heard, since)
 
-    def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """Do as ``tend`` from another thread, if the connection is idle.
+    def keep_alive_if_idle(self, since: float, quiet: float) -> tuple[float, float] | None:
+        """Do as ``keep_alive`` from another thread, if the connection is idle.
 
         Returns the seconds of central's silence, and the seconds until something is due. Returns
         None if the own thread uses the connection.

@@ -202,7 +202,7 @@ class Callbacks:
             first = min((time.due for time in self._times().values()), default=math.inf)
             return min(seconds, self._transport.seconds_until(first))
 
-    def found(self, ready: Mapping[int, bool]) -> None:
+    def queue_due(self, ready: Mapping[int, bool]) -> None:
         """Queue the callbacks that are due after a wait: *ready* files are readable or (False)
         closed.
         """

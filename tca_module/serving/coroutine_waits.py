@@ -53,8 +53,8 @@ class CoroutineWaits:
         #: handler -> the requests that it stands at, and since when
         self._seen: dict[OpenDelivery, tuple[_Standing, float]] = {}
         #: handler that central counts as standing -> ``session.breaks`` when central was informed
-        self._told: dict[OpenDelivery, int] = {}
-        self._factory = self._make
+        self._reported: dict[OpenDelivery, int] = {}
+        self._factory = self._create_task
         loop.set_task_factory(self._factory)
 
     def begin(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
@@ -62,19 +62,19 @@ class CoroutineWaits:
         self._begun[handler] = WeakSet()
         with working_on(handler):
             task = self._loop.create_task(coroutine)
-        task.add_done_callback(lambda _: self._end(handler))
+        task.add_done_callback(lambda _: self._forget(handler))
         return task
 
-    def _make(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
+    def _create_task(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
         task = asyncio.Task(coroutine, loop=loop, **options)
         handler = current_delivery(options.get("context"))
         if handler is not None and (begun := self._begun.get(handler)) is not None:
             begun.add(task)
-            self._goes_on(handler)
+            self._report_continued(handler)
         return task
 
-    def _end(self, handler: OpenDelivery) -> None:
-        for known in (self._begun, self._seen, self._told):
+    def _forget(self, handler: OpenDelivery) -> None:
+        for known in (self._begun, self._seen, self._reported):
             known.pop(handler, None)
 
     @contextmanager
@@ -84,13 +84,13 @@ class CoroutineWaits:
         assert task is not None
         self._suspended[task] = request, future
         if (handler := current_delivery()) is not None:
-            self._goes_on(handler)
+            self._report_continued(handler)
         try:
             yield
         finally:
             self._suspended.pop(task, None)
 
-    def look(self, now: float) -> bool:
+    def update(self, now: float) -> bool:
         """Inform central of handlers that have stood for a while.
 
         Must be called from time to time while it returns True. After False, call it again only when
@@ -102,22 +102,22 @@ class CoroutineWaits:
             before, since = self._seen.get(handler, ((), now))
             if standing != before or not standing:
                 self._seen[handler] = standing, now
-                self._goes_on(handler)
+                self._report_continued(handler)
             elif (
                 now - since >= BRIEF
                 and session.is_welcome
-                and self._told.get(handler) != session.breaks
+                and self._reported.get(handler) != session.breaks
             ):
-                self._told[handler] = session.breaks
-                self._tell(handler, standing)
-        return any(self._told.get(handler) != session.breaks for handler in self._begun)
+                self._reported[handler] = session.breaks
+                self._report(handler, standing)
+        return any(self._reported.get(handler) != session.breaks for handler in self._begun)
 
-    def _goes_on(self, handler: OpenDelivery) -> None:
-        if self._told.pop(handler, None) is not None:
-            self._tell(handler, ())
+    def _report_continued(self, handler: OpenDelivery) -> None:
+        if self._reported.pop(handler, None) is not None:
+            self._report(handler, ())
             self._on_change()
 
-    def _tell(self, handler: OpenDelivery, standing: _Standing) -> None:
+    def _report(self, handler: OpenDelivery, standing: _Standing) -> None:
         """Inform central where a handler stands, unless a restarted central has forgotten it."""
         session = self._connection.session
         if session.open_deliveries.knows(handler):

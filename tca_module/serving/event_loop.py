@@ -33,12 +33,14 @@ _CALM = 1.0
 class EventLoop:
     """An event loop that also listens to central.
 
-    *attend* handles the queries that the slot sends to itself.
+    *handle_delivery* handles the queries that the slot sends to itself.
     """
 
-    def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
+    def __init__(
+        self, connection: Connection, handle_delivery: Callable[[Deliver, bytes], None]
+    ) -> None:
         self._connection = connection
-        self._attend = attend
+        self._handle_delivery = handle_delivery
         #: handler -> its unfinished asyncio task
         self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}
         #: request -> the futures that wait for news of it
@@ -46,7 +48,7 @@ class EventLoop:
         #: set while the slot is idle; done when it has something to do
         self._idle: asyncio.Future[None] | None = None
         self._is_closing = False
-        self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
+        self._timer: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
         #: a flush is scheduled for when all ready coroutines have run
         self._is_flushing = False
         #: an exception of a handler that must end the module
@@ -56,11 +58,13 @@ class EventLoop:
         self._has_warned: set[str] = set()  #: the handlers that the log has warned of
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         self._selector = selector = _Selector(
-            files[0], self._has_news, connection.transport, self._check_turn
+            files[0], self._has_work, connection.transport, self._check_turn
         )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
-        self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
+        self._awaiting = CoroutineWaits(
+            self._loop, connection, partial(self._schedule_keep_alive, STEP)
+        )
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
@@ -74,12 +78,12 @@ class EventLoop:
     def run(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; return its result."""
         self._since = self._turned = self._loop.time()
-        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        self._timer = self._loop.call_later(STEP, self._keep_alive)
         try:
             return self._run_until(self.start(delivery, coroutine))
         finally:
-            self._beat.cancel()
-            self._beat = None
+            self._timer.cancel()
+            self._timer = None
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
         """Run until a future is done.
@@ -157,14 +161,14 @@ class EventLoop:
         self._runner.close()
         self._connection.await_news = self._connection.await_moment = None
 
-    def _has_news(self) -> bool:
+    def _has_work(self) -> bool:
         """Return whether there is something to do that no file shows: a blocking call may have read
         it.
         """
         connection = self._connection
         return (
             connection.transport.has_arrived()
-            or connection.waiting.has_news
+            or connection.waiting.has_pending_call
             or any(map(connection.session.open_deliveries.wake_reason, self._handled))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
@@ -192,38 +196,38 @@ class EventLoop:
         """Process arrived packets and pending calls; return the seconds of central's silence."""
         connection = self._connection
         self._check_turn()
-        silence = connection.tend(self._since)
-        while connection.waiting.has_news:
-            connection.waiting.take_news()
+        silence = connection.keep_alive(self._since)
+        while connection.waiting.has_pending_call:
+            connection.waiting.run_pending_call()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
-            self._attend(*delivery)
+            self._handle_delivery(*delivery)
         self._selector.turned = time.monotonic()  # plain handlers and callbacks may take long
         return silence
 
     def _keep_alive(self) -> None:
         """Keep the connection alive, and give up on a silent central, as every wait does."""
-        self._beat_in(STEP)
+        self._schedule_keep_alive(STEP)
         before, self._turned = self._turned, self._loop.time()
         if self._turned - before > STALL:
             self._since = self._turned
         if self._listen() > self._connection.waiting.patience:
             for request in list(self._waiting):
-                self._heard(request, self._connection.line.lost())
-        if not self._awaiting.look(self._turned):
+                self._wake_waiters(request, self._connection.line.lost_error())
+        if not self._awaiting.update(self._turned):
             calm = min(_CALM, quiet_within(self._connection.waiting.patience))
-            self._beat_in(max(STEP, self._connection.direct.patience(calm)))
+            self._schedule_keep_alive(max(STEP, self._connection.direct.patience(calm)))
 
-    def _beat_in(self, seconds: float) -> None:
+    def _schedule_keep_alive(self, seconds: float) -> None:
         """Schedule ``_keep_alive`` if a coroutine is run."""
-        if self._beat is not None:
-            self._beat.cancel()
-            self._beat = self._loop.call_later(seconds, self._keep_alive)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = self._loop.call_later(seconds, self._keep_alive)
 
     def _await_news(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
-        request.wakes = partial(self._heard, request)
+        request.wakes = partial(self._wake_waiters, request)
         # Flush later, so that the requests of all ready coroutines leave together.
         if self._connection.session.outgoing and not self._is_flushing:
             self._is_flushing = True
@@ -235,7 +239,7 @@ class EventLoop:
         self._is_flushing = False
         self._connection.flush()
 
-    def _heard(self, request: Request, error: Exception | None = None) -> None:
+    def _wake_waiters(self, request: Request, error: Exception | None = None) -> None:
         for future in self._waiting.pop(request, []):
             if error is not None and not future.done():
                 future.set_exception(error)
@@ -252,14 +256,14 @@ class _Selector(selectors.DefaultSelector):
     def __init__(
         self,
         file: int,
-        has_news: Callable[[], bool],
+        has_work: Callable[[], bool],
         transport: Transport,
         on_turn: Callable[[], None],
     ) -> None:
         super().__init__()
         self.turned = time.monotonic()  #: when the loop last turned
         self._file = file
-        self._has_news = has_news
+        self._has_work = has_work
         self._transport = transport
         self._on_turn = on_turn
         self._sleeping: dict[asyncio.Future[None], float] = {}  #: sleeping future -> its end
@@ -267,7 +271,7 @@ class _Selector(selectors.DefaultSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """Return the files that are ready."""
         self._on_turn()
-        if self._has_news():
+        if self._has_work():
             ready = [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]
         else:
             seconds = min(math.inf if timeout is None else timeout, self._until_next())

@@ -19,7 +19,7 @@ from tca_wire.packets.parts import HandlerFormat
 
 T = TypeVar("T")
 
-Coming = Coroutine[Any, Any, R | LaterReply[R]]
+AnswerCoroutine = Coroutine[Any, Any, R | LaterReply[R]]
 """The coroutine of an ``async def`` handler."""
 WithoutData = Callable[[Task], T] | Callable[[Task, None], T]
 """The handler of a message without data."""
@@ -43,8 +43,8 @@ class HandlerDecorator(Protocol[D, R]):
     ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
     @overload
     def __call__(
-        self, function: Callable[[Task, D], Coming[R]], /
-    ) -> Callable[[Task, D], Coming[R]]: ...
+        self, function: Callable[[Task, D], AnswerCoroutine[R]], /
+    ) -> Callable[[Task, D], AnswerCoroutine[R]]: ...
 
 
 class HandlerDecoratorWithoutData(Protocol[R]):
@@ -61,7 +61,9 @@ class HandlerDecoratorWithoutData(Protocol[R]):
         self, function: WithoutData[Coroutine[Any, Any, R]], /
     ) -> Callable[..., Coroutine[Any, Any, R]]: ...
     @overload
-    def __call__(self, function: WithoutData[Coming[R]], /) -> Callable[..., Coming[R]]: ...
+    def __call__(
+        self, function: WithoutData[AnswerCoroutine[R]], /
+    ) -> Callable[..., AnswerCoroutine[R]]: ...
 
 
 Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
@@ -101,7 +103,7 @@ class Handler:
         Raises errors that must end the module.
         """
         try:
-            return self._answer(task, self.function(*self._given(task, body)))
+            return self._answer(task, self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
@@ -109,11 +111,11 @@ class Handler:
         """Call the coroutine function; otherwise like ``handle``."""
         task.is_async = True
         try:
-            return self._answer(task, await self.function(*self._given(task, body)))
+            return self._answer(task, await self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
-    def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
+    def _arguments_for(self, task: Task, body: bytes) -> tuple[Any, ...]:
         try:
             return (task, self.message.decode_data(body))[: self._arguments]
         except BadData as error:

@@ -139,17 +139,17 @@ class ServerHandler(Handler):
         served = task._served()  # noqa: SLF001 - not for users
         served.is_conversing = True
 
-        def hear() -> None:
+        def answer_requests() -> None:
             while connection.session.open_deliveries.knows(served.delivery):
                 if (request := served.take_new()) is None:
                     return
                 with working_on(served.delivery):
                     self._decide(connection, delivery, served, request)
 
-        hear_soon = partial(connection.waiting.callbacks.append, hear)
-        served.delivery.on_request += (hear_soon,)
+        answer_soon = partial(connection.waiting.callbacks.append, answer_requests)
+        served.delivery.on_request += (answer_soon,)
         if served.delivery.requested:
-            hear_soon()
+            answer_soon()
         return task
 
     def _decide(

@@ -101,8 +101,8 @@ class Slot:
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
-        self._serving.stop.wakes(connection.transport.wake)
-        connection.waiting.handle_delivery = self._attend
+        self._serving.stop.on_set(connection.transport.wake)
+        connection.waiting.handle_delivery = self._handle_delivery
         connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = Sender(connection=lambda: connection)
         self.callbacks.begin(connection)
@@ -117,14 +117,14 @@ class Slot:
                 self._serving.stop.set()
                 what, module = type(error).__name__, self.hello.module
                 self._log.error(
-                    "module '%s' ends, and handles nothing any more: %s",
+                    "module '%s' ends and handles no more messages: %s",
                     module,
                     what,
                     exc_info=error,
                 )
                 # From now on, senders find the handlers of other modules.
                 connection.post(Unregister(0, []), b"")
-                stack.callback(self._say_goodbye, connection, error)
+                stack.callback(self._close_connection, connection, error)
                 raise
             finally:
                 if not self.is_replaced:
@@ -132,14 +132,14 @@ class Slot:
                 if self._loop is not None:
                     self._loop.close()
             if not self.is_replaced:
-                self._say_goodbye(connection)
+                self._close_connection(connection)
 
     def _is_over(self) -> bool:
         return self.is_replaced or self._serving.stop.is_set()
 
-    def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
+    def _close_connection(self, connection: Connection, error: BaseException | None = None) -> None:
         connection.give_back()
-        connection.hear_threads()
+        connection.run_requested_calls()
         for later in list(self._owed):
             later.module_ends()
         if error is not None:
@@ -164,10 +164,10 @@ class Slot:
             ready = self._loop.wait(patience, files)
         else:
             ready = wait(self._connection.transport, patience, files)
-        callbacks.found(ready)
+        callbacks.queue_due(ready)
         return True
 
-    def _attend(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
+    def _handle_delivery(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
         """Handle a message until its handler ends.
 
         With *in_loop*, an ``async def`` handler runs beside the coroutine that is awaiting.
@@ -184,7 +184,7 @@ class Slot:
         begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
         if not handler.is_async:
             with working_on(begun):
-                self._end(handler, task, handler.handle(task, body))
+                self._finish(handler, task, handler.handle(task, body))
         elif loop is not None and in_loop:
             loop.start(begun, self._handle_async(handler, task, body))
         elif loop is not None and loop.is_running:
@@ -192,24 +192,26 @@ class Slot:
                 f"handler {handler.name} is 'async def', but a blocking call of the same thread"
                 " blocks its event loop: await that call with task.query_send(...)"
             )
-            self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, text), b""))
+            self._finish(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, text), b""))
         else:
             if loop is None:
-                loop = self._loop = EventLoop(connection, partial(self._attend, in_loop=True))
+                loop = self._loop = EventLoop(
+                    connection, partial(self._handle_delivery, in_loop=True)
+                )
             # The reply leaves when the loop has stopped: the next message must not be handled
             # inside this one.
             answer = loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
-                self._end(handler, task, answer)
+                self._finish(handler, task, answer)
 
     async def _handle_async(self, handler: Handler, task: Task, body: bytes) -> None:
-        self._end(handler, task, await handler.handle_async(task, body))
+        self._finish(handler, task, await handler.handle_async(task, body))
 
-    def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
+    def _finish(self, handler: Handler, task: Task, answer: Answer) -> None:
         """Send the outcome of a handler to central, or register the reply that it owes."""
         if task.later is not None and not isinstance(answer, LaterReply):
             # what other threads have reported comes before the failure
-            self._connection.hear_threads()
+            self._connection.run_requested_calls()
         task.returned()
         if self.is_replaced:
             self._log.warning(
@@ -224,7 +226,7 @@ class Slot:
         header, body = answer
         open_deliveries = self._connection.session.open_deliveries
         # A handler that was woken by the end of its module may have stopped halfway.
-        if isinstance(header, Reply) and open_deliveries.was_told_to_end(task.delivery):
+        if isinstance(header, Reply) and open_deliveries.was_woken_to_end(task.delivery):
             text = f"its module ended while {handler.name} ran"
             header, body = Fail(task.delivery, MODULE_LOST, text), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:

@@ -23,11 +23,11 @@ def abandon(session: Session, request: Request) -> None:
         # Central may have it, even if it is away now. The GiveUp is repeated as any request is.
         if request.was_sent:
             ask_why(session, request)
-    elif _is_recalled(session, request.header) and not (request.what and request.is_over):
+    elif _is_killed_if_given_up(session, request.header) and not (request.what and request.is_over):
         why = "its sender has given up waiting for its id"
         session.request(headers.Kill(0, TaskId(-number), why, origin=origin))
         if request.what:
-            session.sends.untold -= 1
+            session.sends.unacknowledged -= 1
             request.is_over, request.lost = True, "it was given up"
 
 
@@ -49,14 +49,14 @@ def ask_why(session: Session, request: Request) -> Request | None:
 
 def fate_of(session: Session, request: Request) -> str:
     """Return the fate of a request that was given up, in words."""
-    if _is_recalled(session, request.header):
+    if _is_killed_if_given_up(session, request.header):
         return "is killed as soon as central answers, if central received it"
     if isinstance(request.header, HARMLESS):
         return "is given up"
     return "may still be carried out, if central received it"
 
 
-def _is_recalled(session: Session, header: Any) -> bool:
+def _is_killed_if_given_up(session: Session, header: Any) -> bool:
     """Return whether giving up this unacknowledged request kills its task."""
     if not isinstance(header, headers.Send) or header.when_killed:
         return False

@@ -5,7 +5,7 @@ from typing import Any
 from tca_wire.packets.headers import Fail, Replies, Reply
 from tca_wire.packets.parts import EndedRun
 
-_TOGETHER = 64 << 10  # bytes of replies that may share a header
+_MAX_JOINED_BYTES = 64 << 10  # bytes of replies that may share a header
 _NIL = b"\xc0"
 
 Item = tuple[Any, bytes]
@@ -34,7 +34,7 @@ class HeldReplies:
         """Forget all held replies."""
         self.ended.clear()
 
-    def take(self, header: Reply | Fail, now: float) -> bool:
+    def hold(self, header: Reply | Fail, now: float) -> bool:
         """Hold a reply if it belongs to the turn; return whether it does."""
         if header.delivery != self._present or not isinstance(header, Reply):
             return False
@@ -56,8 +56,8 @@ class HeldReplies:
                 if isinstance(header, Reply) and not header.refusals
                 else None
             )
-            if runs and (ended is None or size + len(body) > _TOGETHER):
-                found.append(_together(runs, bodies, begun))
+            if runs and (ended is None or size + len(body) > _MAX_JOINED_BYTES):
+                found.append(_join(runs, bodies, begun))
                 begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0
             if ended is None:
                 found.append((header, body))
@@ -66,12 +66,12 @@ class HeldReplies:
             runs.append(EndedRun(header.delivery, now - ended, header.took, len(bodies[-1])))
             size += len(bodies[-1])
         if runs:
-            found.append(_together(runs, bodies, begun))
+            found.append(_join(runs, bodies, begun))
         self.clear()
         return found[::-1]
 
 
-def _together(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
+def _join(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
     """Join the replies of runs, newest first, into one header."""
     if len(runs) == 1 and begun < 0:
         (run,) = runs

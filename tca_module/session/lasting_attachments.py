@@ -90,21 +90,21 @@ class LastingAttachments:
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
         return wanted[first:]
 
-    def is_wanted(self, standing: LastingAttachment) -> bool:
+    def is_wanted(self, attachment: LastingAttachment) -> bool:
         """Return whether an attachment has not been removed or replaced."""
         with self._lock:
-            return self._wanted.get(_key(standing.header)) is standing
+            return self._wanted.get(_key(attachment.header)) is attachment
 
-    def forget(self, standing: LastingAttachment, epoch: str) -> None:
+    def forget(self, attachment: LastingAttachment, epoch: str) -> None:
         """Remove an attachment. *epoch*: of the central that the caller's connection knows."""
         with self._lock:
-            key = _key(standing.header)
-            if self._wanted.get(key) is standing:
+            key = _key(attachment.header)
+            if self._wanted.get(key) is attachment:
                 del self._wanted[key]
-            if standing.number.epoch != epoch:
-                self.unwanted.append(standing)
+            if attachment.number.epoch != epoch:
+                self.unwanted.append(attachment)
 
-    def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
+    def pop_unwanted(self, epoch: str) -> list[LastingAttachment]:
         """Remove and return the unwanted attachments that the central of that epoch still has."""
         with self._lock:
             unwanted = [one for one in self.unwanted if one.number.epoch == epoch]

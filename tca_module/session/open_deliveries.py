@@ -36,8 +36,8 @@ class OpenDelivery:
         "is_killed",
         "is_shielded",
         "is_suspended",
-        "is_told_of_end",
-        "is_told_of_kill",
+        "knows_of_end",
+        "knows_of_kill",
         "name",
         "on_request",
         "owner",
@@ -56,8 +56,8 @@ class OpenDelivery:
         self.why_killed = ""  #: the reason of the kill
         self.is_shielded = False  #: its handler cleans up and must not be woken
         self.is_suspended = is_suspended  #: its task is suspended
-        self.is_told_of_kill = False  #: the handler knows of the kill
-        self.is_told_of_end = False  #: the handler knows that the module ends
+        self.knows_of_kill = False  #: the handler knows of the kill
+        self.knows_of_end = False  #: the handler knows that the module ends
         #: requests of clients, if any
         self.requested: deque[tuple[Requested, bytes]] | None = None
         self.on_request: tuple[Callable[[], None], ...] = ()  #: called soon after each request
@@ -80,19 +80,19 @@ class OpenDeliveries:
     def __len__(self) -> int:
         return len(self._known)
 
-    def knows(self, one: OpenDelivery | None) -> bool:
+    def knows(self, handler: OpenDelivery | None) -> bool:
         """Return whether a delivery is still open: neither answered nor forgotten by central."""
-        return one is not None and self._known.get(one.delivery) is one
+        return handler is not None and self._known.get(handler.delivery) is handler
 
     @property
     def begun(self) -> list[int]:
         """The deliveries whose handlers have started."""
-        return [delivery for delivery, one in self._known.items() if one.name]
+        return [delivery for delivery, handler in self._known.items() if handler.name]
 
     def name_of(self, delivery: int) -> str:
         """Return the message of a delivery whose handler has started."""
-        one = self._known.get(delivery)
-        return one.name if one is not None else ""
+        handler = self._known.get(delivery)
+        return handler.name if handler is not None else ""
 
     def add(self, delivery: int, *, is_suspended: bool) -> None:
         """Add a delivery that will be handled."""
@@ -100,65 +100,67 @@ class OpenDeliveries:
 
     def kill(self, delivery: int, why: str = "") -> None:
         """Record that the task of a delivery was killed or is retried."""
-        if (one := self._known.get(delivery)) is not None:
-            one.is_killed, one.why_killed = True, why
+        if (handler := self._known.get(delivery)) is not None:
+            handler.is_killed, handler.why_killed = True, why
 
     def suspend(self, delivery: int, *, is_suspended: bool) -> None:
         """Record that the task of a delivery was suspended or resumed."""
-        if (one := self._known.get(delivery)) is not None:
-            one.is_suspended = is_suspended
+        if (handler := self._known.get(delivery)) is not None:
+            handler.is_suspended = is_suspended
 
     def request(self, header: Requested, body: bytes) -> tuple[Callable[[], None], ...]:
         """Add a client's request to a delivery; return the functions to call because of it."""
-        if (one := self._known.get(header.delivery)) is None:
+        if (handler := self._known.get(header.delivery)) is None:
             return ()
-        if one.requested is None:
-            one.requested = deque()
-        one.requested.append((header, body))
-        return one.on_request
+        if handler.requested is None:
+            handler.requested = deque()
+        handler.requested.append((header, body))
+        return handler.on_request
 
     def forget(self) -> None:
         """Forget all deliveries of a restarted central, which may use the same numbers again."""
-        for delivery, one in self._known.items():
-            one.is_killed = delivery > 0
-            one.why_killed = "central was restarted and has forgotten it"
-        self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
+        for delivery, handler in self._known.items():
+            handler.is_killed = delivery > 0
+            handler.why_killed = "central was restarted and has forgotten it"
+        self._known = {
+            delivery: handler for delivery, handler in self._known.items() if delivery < 0
+        }
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
         """Start the handler of a delivery."""
-        one = self._known.get(delivery)
-        if one is None:
-            one = self._known[delivery] = OpenDelivery(self, delivery)
-        one.name = name
-        return one
+        handler = self._known.get(delivery)
+        if handler is None:
+            handler = self._known[delivery] = OpenDelivery(self, delivery)
+        handler.name = name
+        return handler
 
-    def end(self, delivery: int) -> bool:
+    def remove(self, delivery: int) -> bool:
         """Remove a delivery that has been handled; return False if central has forgotten it."""
-        one = self._of(delivery)
-        if not self.knows(one):
+        handler = self._find(delivery)
+        if not self.knows(handler):
             return False
         del self._known[delivery]
         return True
 
-    def _of(self, delivery: int) -> OpenDelivery | None:
+    def _find(self, delivery: int) -> OpenDelivery | None:
         """Return the open delivery of that number.
 
         A handler that asks for its own number never gets a newer delivery of the same number.
         """
-        mine = current_delivery()
-        if mine is not None and mine.owner is self and mine.delivery == delivery:
-            return mine
+        own = current_delivery()
+        if own is not None and own.owner is self and own.delivery == delivery:
+            return own
         return self._known.get(delivery)
 
     def state_of(self, delivery: int, make: Callable[[OpenDelivery], S]) -> S:
         """Return the state of a delivery's task as its handler knows it; create it when first
         needed.
         """
-        one = self._of(delivery)
-        assert one is not None
-        if one.state is None:
-            one.state = make(one)
-        state: S = one.state
+        handler = self._find(delivery)
+        assert handler is not None
+        if handler.state is None:
+            handler.state = make(handler)
+        state: S = handler.state
         return state
 
     def is_killed(self, delivery: int) -> bool:
@@ -166,8 +168,8 @@ class OpenDeliveries:
 
         Never true for a direct delivery (< 0).
         """
-        one = self._of(delivery)
-        return one.is_killed if one is not None else delivery > 0
+        handler = self._find(delivery)
+        return handler.is_killed if handler is not None else delivery > 0
 
     def is_cancelled(self, delivery: int) -> bool:
         """Return whether a delivery's handler should clean up and return.
@@ -179,61 +181,63 @@ class OpenDeliveries:
     def read_cancelled(self, delivery: int) -> bool:
         """Return ``is_cancelled`` to the handler, which then counts as woken."""
         if is_cancelled := self.is_cancelled(delivery):
-            self.mark_told(self._of(delivery))
+            self.mark_told(self._find(delivery))
         return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
         """Return whether the task of a delivery is suspended; False once it must end instead."""
-        one = self._of(delivery)
-        return one is not None and one.is_suspended and not self.is_cancelled(delivery)
+        handler = self._find(delivery)
+        return handler is not None and handler.is_suspended and not self.is_cancelled(delivery)
 
-    def was_told_to_end(self, delivery: int) -> bool:
+    def was_woken_to_end(self, delivery: int) -> bool:
         """Return whether the handler was woken because the module ends, and so may have stopped
         halfway.
         """
-        one = self._of(delivery)
-        return one is not None and one.is_told_of_end and not one.is_killed
+        handler = self._find(delivery)
+        return handler is not None and handler.knows_of_end and not handler.is_killed
 
-    def wake_reason(self, one: OpenDelivery | None) -> str:
+    def wake_reason(self, handler: OpenDelivery | None) -> str:
         """Return why a handler must be woken: KILLED, ENDS or "".
 
         A callback (None) is always woken when the module ends.
         """
-        if one is not None and one.is_shielded:
+        if handler is not None and handler.is_shielded:
             return ""
-        if one is not None and one.is_killed and not one.is_told_of_kill:
+        if handler is not None and handler.is_killed and not handler.knows_of_kill:
             return KILLED
-        return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
+        return (
+            ENDS if self.is_ending() and not (handler is not None and handler.knows_of_end) else ""
+        )
 
-    def mark_told(self, one: OpenDelivery | None) -> None:
+    def mark_told(self, handler: OpenDelivery | None) -> None:
         """Record that a handler knows of its kill and of the module's end, if there are such."""
-        if one is not None:
-            one.is_told_of_kill = one.is_killed
-            one.is_told_of_end = self.is_ending()
+        if handler is not None:
+            handler.knows_of_kill = handler.is_killed
+            handler.knows_of_end = self.is_ending()
 
     @contextmanager
     def shielded(self) -> Iterator[None]:
         """Return a block in which the calling handler is not woken, so that it can clean up."""
-        one = self.waiting_handler()
-        before = one is not None and one.is_shielded
-        if one is not None:
-            one.is_shielded = True
+        handler = self.waiting_handler()
+        before = handler is not None and handler.is_shielded
+        if handler is not None:
+            handler.is_shielded = True
         try:
             yield
         finally:
-            if one is not None:
-                one.is_shielded = before
+            if handler is not None:
+                handler.is_shielded = before
 
     def waiting_handler(self) -> OpenDelivery | None:
         """Return the calling handler; None in a callback or outside of handlers."""
-        one = _at_work.get()
-        return one if one is not None and one.owner is self else None
+        handler = _at_work.get()
+        return handler if handler is not None and handler.owner is self else None
 
 
 def task_is_killed() -> bool:
     """Return whether the task of the calling handler was killed."""
-    one = _at_work.get()
-    return one is not None and one.is_killed
+    handler = _at_work.get()
+    return handler is not None and handler.is_killed
 
 
 def current_delivery(context: Context | None = None) -> OpenDelivery | None:
@@ -248,21 +252,23 @@ _at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 class working_on:  # noqa: N801
     """A block in which work is for that delivery (None: for none)."""
 
-    __slots__ = ("_one", "_token")
+    __slots__ = ("_handler", "_token")
 
-    def __init__(self, one: OpenDelivery | None) -> None:
-        self._one = one
+    def __init__(self, handler: OpenDelivery | None) -> None:
+        self._handler = handler
 
     def __enter__(self) -> None:
-        self._token = _at_work.set(self._one)
+        self._token = _at_work.set(self._handler)
 
     def __exit__(self, *_: object) -> None:
         _at_work.reset(self._token)
 
 
-def wake_error(one: OpenDelivery | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
+def wake_error(
+    handler: OpenDelivery | None, why: str, module: str, what: str
+) -> TaskKilled | Stopped:
     """Return the error that wakes a handler or callback from the wait for *what*."""
-    if why == KILLED and one is not None:
-        reason = f"{one.why_killed}; " if one.why_killed else ""
-        return TaskKilled(one.name, f"{reason}{what} is given up")
+    if why == KILLED and handler is not None:
+        reason = f"{handler.why_killed}; " if handler.why_killed else ""
+        return TaskKilled(handler.name, f"{reason}{what} is given up")
     return Stopped(f"module '{module}' ends: {what} is given up")

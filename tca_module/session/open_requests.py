@@ -51,8 +51,8 @@ class OpenRequests:
         if isinstance(header, headers.Send):
             header = msgspec.structs.replace(header, quiet=True)
         request = Request(header, body, wants_answer=False)
-        request.what, request.by = what, self.open_deliveries.name_of(header.origin)
-        self.sends.untold += 1
+        request.what, request.sender_name = what, self.open_deliveries.name_of(header.origin)
+        self.sends.unacknowledged += 1
         self.adopt(request)
         return request
 
@@ -77,25 +77,25 @@ class OpenRequests:
 
     def _refuse(self, request: Request) -> None:
         """End a request that central will not answer, unless it redeclares something."""
-        if request.settled is None:
+        if request.on_over is None:
             request.refused = self.refused
-            self.end(request)
+            self.finish(request)
 
-    def end(self, request: Request, lost: str = "") -> None:
+    def finish(self, request: Request, lost: str = "") -> None:
         """Finish a request that is over or *lost*, and notify its waiters."""
         self.requests.pop(request.header.number, None)  # a direct request has no number here
         request.is_over = True
         if lost:
             request.lost = lost
         if request.what:
-            self._end_send(request)
-        if request.settled is not None:
-            request.settled(request)
-        self._tell_of(request)
+            self._finish_send(request)
+        if request.on_over is not None:
+            request.on_over(request)
+        self._notify_waiters(request)
 
-    def _end_send(self, request: Request) -> None:
+    def _finish_send(self, request: Request) -> None:
         """Finish a send that central has accepted or refused, or never will."""
-        self.sends.untold -= 1
+        self.sends.unacknowledged -= 1
         origin = request.header.origin
         if request.lost:
             self.sends.lost.append(request)
@@ -109,8 +109,8 @@ class OpenRequests:
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
         else:  # its handler has returned, and central has failed it
-            self.complaints.append(request.why_unheard)
+            self.complaints.append(request.error_for_log)
 
-    def _tell_of(self, request: Request) -> None:
+    def _notify_waiters(self, request: Request) -> None:
         """Notify the waiters of a request that there is news of it."""
-        self.news += [tell for tell in (request.notify, request.wakes) if tell is not None]
+        self.news += [call for call in (request.notify, request.wakes) if call is not None]

@@ -33,16 +33,16 @@ class Redeclaration:
         self,
         attachments: LastingAttachments,
         ask: Ask,
-        say: Callable[[str], None],
-        over: Callable[[], None],
+        log: Callable[[str], None],
+        on_over: Callable[[], None],
     ) -> None:
         self.required: list[str] = []  #: messages without which the module does not serve
         self.is_over = True  #: handlers may be declared
         self._attachments = attachments
         self._ask = ask
-        self._say = say  #: logs a line
-        self._over = over  #: called when handlers may be declared, if not at once
-        self._said: set[str] = set()
+        self._log = log  #: logs a line
+        self._on_over = on_over  #: called when handlers may be declared, if not at once
+        self._logged: set[str] = set()
         self._reset("", {})
 
     def _reset(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
@@ -52,7 +52,7 @@ class Redeclaration:
         self._is_refused = False
         self._is_waiting = False  #: for required messages
         self._due = _NEVER  #: when there is something to do even if central sends nothing
-        self._said.clear()
+        self._logged.clear()
 
     @property
     def is_restless(self) -> bool:
@@ -72,61 +72,63 @@ class Redeclaration:
         self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))
         if not self.is_over:
-            self._tell()
+            self._declare()
 
-    def _tell(self) -> None:
+    def _declare(self) -> None:
         self._is_refused, self._due = False, _NEVER
-        for standing in self._attachments.unknown_to(self._epoch):
-            watch = getattr(standing.header, "watch", None)
-            is_old = standing.number.epoch != self._epoch
+        for attachment in self._attachments.unknown_to(self._epoch):
+            watch = getattr(attachment.header, "watch", None)
+            is_old = attachment.number.epoch != self._epoch
             if watch is not None and watch.until is not None and is_old:
                 # Central has forgotten the task at whose point the monitor ends.
-                self._attachments.forget(standing, standing.number.epoch)
-                self._say(
-                    f"the {standing} is lost: {RESTARTED}, so it can't watch until {watch.until}"
+                self._attachments.forget(attachment, attachment.number.epoch)
+                self._log(
+                    f"the {attachment} is lost: {RESTARTED}, so it can't watch until {watch.until}"
                 )
         unknown = self._attachments.unknown_to(self._epoch)
         formats = self._messages | {
-            one.name: one for standing in unknown for one in standing.formats
+            one.name: one for attachment in unknown for one in attachment.formats
         }
         for header in registers(formats.values()):
             self._request(header, "messages that were declared")
-        for standing in unknown:
-            self._request(standing.header, f"the {standing}", standing)
+        for attachment in unknown:
+            self._request(attachment.header, f"the {attachment}", attachment)
 
     def _request(
         self,
         header: Any,
         what: str,
-        standing: LastingAttachment | None = None,
+        attachment: LastingAttachment | None = None,
         *,
         waits: bool = False,
     ) -> None:
         self._open += 1
         request = self._ask(header, wants_answer=waits)
-        request.settled = lambda over: self._settled(over, what, standing)
+        request.on_over = lambda over: self._on_request_over(over, what, attachment)
 
-    def _settled(self, request: Request, what: str, standing: LastingAttachment | None) -> None:
+    def _on_request_over(
+        self, request: Request, what: str, attachment: LastingAttachment | None
+    ) -> None:
         if request.lost:
             return  # that central was restarted, too: ``begin`` follows
         self._open -= 1
         if request.refused is not None:
             text = f"central was restarted, and refuses {what}: {request.refused.text}"
             # later refusals may only follow from the first
-            if not self._is_refused or standing is None:
-                self._say_once(
+            if not self._is_refused or attachment is None:
+                self._log_once(
                     f"{text}; tried again every {AGAIN:g} s, and no handler is declared before"
                 )
             self._is_refused = True
-        elif standing is not None and request.accepted is not None:
+        elif attachment is not None and request.accepted is not None:
             self._attached += 1
-            standing.number = request.accepted
-            if not self._attachments.is_wanted(standing):  # removed in the meantime
-                self._ask(headers.Remove(0, standing.number))
+            attachment.number = request.accepted
+            if not self._attachments.is_wanted(attachment):  # removed in the meantime
+                self._ask(headers.Remove(0, attachment.number))
         if not self._open:
-            self._go_on()
+            self._continue()
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         if self._is_refused:
             return
         if self.required and not self._is_waiting:
@@ -137,29 +139,29 @@ class Redeclaration:
             return
         self.is_over, self._due = True, _NEVER
         if self._attached:
-            self._say(
+            self._log(
                 "central was restarted: exception handlers and wiretaps attached again:"
                 f" {self._attached}"
             )
-        self._over()
+        self._on_over()
 
     def tend(self, now: float) -> float:
         """Make the requests that are due; return when the next ones will be."""
-        for standing in self._attachments.take_unwanted(self._epoch):
-            self._ask(headers.Remove(0, standing.number))
+        for attachment in self._attachments.pop_unwanted(self._epoch):
+            self._ask(headers.Remove(0, attachment.number))
         if self.is_over or self.is_answered_soon:
             return _NEVER
         if self._due == _NEVER:
             self._due = now + (AGAIN if self._is_refused else PATIENCE)
         elif now >= self._due and self._is_refused:
-            self._tell()
+            self._declare()
         elif now >= self._due:
             self._due = now + PATIENCE
             names = ", ".join(f"'{name}'" for name in self.required)
-            self._say_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
+            self._log_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
         return self._due
 
-    def _say_once(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
-            self._say(text)
+    def _log_once(self, text: str) -> None:
+        if text not in self._logged:
+            self._logged.add(text)
+            self._log(text)

@@ -61,9 +61,8 @@ class Request:
         "after",
         "answers",
         "body",
-        "by",
         "epoch",
-        "gone",
+        "forgotten_subject",
         "header",
         "is_announced",
         "is_over",
@@ -71,11 +70,12 @@ class Request:
         "mark",
         "notify",
         "number",
+        "on_over",
         "path",
         "refused",
         "repeated",
         "seen",
-        "settled",
+        "sender_name",
         "taken",
         "wakes",
         "wants_answer",
@@ -98,14 +98,15 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""  #: how it was lost with central's memory
-        self.gone = ""  #: the object it refers to, if a restarted central has forgotten that
+        #: the name of its object, if a restarted central has forgotten that
+        self.forgotten_subject = ""
         self.taken = ""  #: for a granted lock: how it was lost
         #: the direct path on which it was sent, with *number*
         self.path: DirectWay | None = None
         self.number = 0
         # Three attributes of tasks and changes that were sent without waiting for central:
         self.what = ""  #: its name, for people
-        self.by = ""  #: the message whose handler has sent it
+        self.sender_name = ""  #: the message whose handler has sent it
         self.after: list[TaskId] = []  #: the siblings it must come after, until it is accepted
         self.mark = 0  #: number of statements that were sent before it
         #: called soon after each answer, and when it is over
@@ -113,7 +114,7 @@ class Request:
         #: the same for coroutines that await the request
         self.wakes: Callable[[], None] | None = None
         #: called at once by the session when it is over
-        self.settled: Callable[[Request], None] | None = None
+        self.on_over: Callable[[Request], None] | None = None
 
     @property
     def is_unannounced(self) -> bool:
@@ -157,20 +158,21 @@ class Request:
         return ""
 
     @property
-    def why_unheard(self) -> str:
+    def error_for_log(self) -> str:
         """Its error for the log, because its sender did not receive it."""
-        if not self.by:
+        if not self.sender_name:
             return self.why_failed
         advice = "reading the '.id' of a sent task raises its error in the handler"
-        return f"the handler of {self.by} ended before this error: {self.why_failed}; {advice}"
+        error = f"the handler of {self.sender_name} ended before this error: {self.why_failed}"
+        return f"{error}; {advice}"
 
     def check(self, what: object) -> None:
         """Raise its error, if it has one. *what* names the request."""
         if self.refused is not None:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(str(what), self.refused.refusal, self.refused.text)
-        if self.gone:
-            raise CentralLost(forgotten_text(self.gone))
+        if self.forgotten_subject:
+            raise CentralLost(forgotten_text(self.forgotten_subject))
         if self.lost:
             advice = "start again" if refers_to_tasks(self.header) else "ask again"
             if isinstance(self.header, headers.AwaitPoint):

@@ -123,7 +123,7 @@ class TaskSends:
     """
 
     def __init__(self) -> None:
-        self.untold = 0  #: number of sends that central has neither accepted nor refused
+        self.unacknowledged = 0  #: number of sends that central has neither accepted nor refused
         self.lost: list[Request] = []  #: sends lost with central whose error was not raised yet
         self.failed: dict[int, list[Request]] = {}  #: delivery of the sender -> refused sends
         self._known: dict[int, int] = {}  #: delivery -> number of refusals that its handler knows
@@ -136,7 +136,7 @@ class TaskSends:
         """Raise the first error of the sends for *origin*, with notes about the others."""
         if not self.failed or origin is None or not (failed := self.failed.pop(origin, [])):
             return
-        self._note(failed)
+        self._count_known(failed)
         try:
             failed[0].check(failed[0].what)
         except Exception as error:
@@ -151,18 +151,18 @@ class TaskSends:
         failed = self.failed.get(request.header.origin, [])
         if request in failed:
             failed.remove(request)
-            self._note([request])
+            self._count_known([request])
 
-    def _note(self, failed: list[Request]) -> None:
+    def _count_known(self, failed: list[Request]) -> None:
         if origin := failed[0].header.origin:
             self._known[origin] = self._known.get(origin, 0) + len(failed)
 
-    def end(self, delivery: int) -> tuple[int, list[str]]:
+    def pop_refusals(self, delivery: int) -> tuple[int, list[str]]:
         """Return, for an ended handler, how many refusals it knows, and its unraised errors."""
         if not (self._known or self.failed):
             return 0, []
         return self._known.pop(delivery, 0), [
-            one.why_unheard for one in self.failed.pop(delivery, [])
+            one.error_for_log for one in self.failed.pop(delivery, [])
         ]
 
     def forget(self) -> None:

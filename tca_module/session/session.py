@@ -46,11 +46,11 @@ REPEAT = 1.0  # seconds between two probes
 CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
 PREFETCH = 64  # messages that a slot may prefetch
 # replies to repeat after a break; a later delivery shows that older ones arrived
-_REPLIES_KEPT = PREFETCH + 8
+_REPLIES_RETAINED = PREFETCH + 8
 
 # The probe. It declares nothing, so it changes nothing, but central answers it: with Accepted, or
 # with Unknown if Hello is due again.
-_ARE_YOU_THERE = headers.Register(0, [], [])
+_PROBE = headers.Register(0, [], [])
 
 
 def quiet_within(patience: float, *, is_idle: bool = False) -> float:
@@ -122,7 +122,7 @@ class Session(OpenRequests):
         self.outgoing.append((header, body))
         if is_statement:
             self._posted += 1
-            if self.unheard >= CONFIRM_EVERY and (
+            if self.unconfirmed >= CONFIRM_EVERY and (
                 self._confirming is None or self._confirming.is_over
             ):
                 self.confirm()
@@ -130,14 +130,14 @@ class Session(OpenRequests):
 
     def confirm(self) -> None:
         """Probe central: the answer shows that everything sent before has arrived."""
-        self._confirming, self._replies_before = self.ask_for_word(), list(self._replies)
+        self._confirming, self._replies_before = self.probe(), list(self._replies)
 
-    def ask_for_word(self) -> Request:
+    def probe(self) -> Request:
         """Probe central. The answer comes after everything that central has sent before."""
-        return self.request(_ARE_YOU_THERE)
+        return self.request(_PROBE)
 
     @property
-    def unheard(self) -> int:
+    def unconfirmed(self) -> int:
         """The number of statements on this connection that may not have reached central."""
         return self._posted - self._arrived
 
@@ -151,9 +151,11 @@ class Session(OpenRequests):
         return self.dropped + self.doubtful + len(self.sends.lost)
 
     @property
-    def is_settled(self) -> bool:
+    def is_confirmed(self) -> bool:
         """Whether central has received everything that was sent."""
-        return self.is_welcome and not (self.unheard or self._replies or self.sends.untold)
+        return self.is_welcome and not (
+            self.unconfirmed or self._replies or self.sends.unacknowledged
+        )
 
     def take_outgoing(self, clock: Callable[[], float]) -> list[Item]:
         """Remove and return the items to send."""
@@ -165,20 +167,20 @@ class Session(OpenRequests):
 
         Returns whether the reply is held back until its turn has ended.
         """
-        if not self.open_deliveries.end(header.delivery):
+        if not self.open_deliveries.remove(header.delivery):
             return False
-        refusals, errors = self.sends.end(header.delivery)
+        refusals, errors = self.sends.pop_refusals(header.delivery)
         self.complaints += errors
         if refusals and isinstance(header, headers.Reply):
             header = msgspec.structs.replace(header, refusals=refusals)
         self._replies[header.delivery] = (header, body)
-        self._keep_replies(_REPLIES_KEPT)
+        self._drop_old_replies(_REPLIES_RETAINED)
         if not self.is_welcome:
             return False
         self.outgoing.append((header, body))
-        return self.held.take(header, now)
+        return self.held.hold(header, now)
 
-    def _keep_replies(self, number: int) -> None:
+    def _drop_old_replies(self, number: int) -> None:
         """Forget all but the newest replies; central has received the others."""
         while len(self._replies) > number:
             del self._replies[next(iter(self._replies))]
@@ -217,7 +219,7 @@ class Session(OpenRequests):
         returned = [number for number in waiting if wanted is None or number in wanted]
         self.ahead = deque(one for one in self.ahead if one[0].delivery not in returned)
         for delivery in returned:
-            self.open_deliveries.end(delivery)
+            self.open_deliveries.remove(delivery)
         self.post(headers.Recalled(returned, is_answer=wanted is not None))
 
     def declared(
@@ -232,7 +234,7 @@ class Session(OpenRequests):
         self._handlers.update({handler.message: handler for handler in handlers})
         self._is_ready |= is_ready
 
-    def withdrawn(self) -> None:
+    def forget_handlers(self) -> None:
         """Forget the handlers and attachments: this module handles nothing more."""
         self._handlers.clear()
         self.attachments.clear()
@@ -247,7 +249,7 @@ class Session(OpenRequests):
         """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
-            self.withdrawn()
+            self.forget_handlers()
             self.request(headers.Unregister(0, []))
         is_restless = self.is_welcome and self.redeclaration.is_restless
         due = self.redeclaration.tend(now) if is_restless else float("inf")
@@ -258,7 +260,7 @@ class Session(OpenRequests):
             if self.heard >= self._asked:
                 self.asked_since = now
             self._asked, asks_at = now, now + REPEAT
-            self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
+            self.outgoing.append((_PROBE if self.is_welcome else self._hello, b""))
         return min(asks_at, due)
 
     def break_off(self) -> None:
@@ -272,12 +274,12 @@ class Session(OpenRequests):
             )
             if (request := self.requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
-        self.doubtful += self.unheard - (self.dropped - dropped)
+        self.doubtful += self.unconfirmed - (self.dropped - dropped)
         self._arrived = self._posted
         self.outgoing.clear()
         self.held.clear()
         for header, _ in self.ahead:  # central delivers it again
-            self.open_deliveries.end(header.delivery)
+            self.open_deliveries.remove(header.delivery)
         self.ahead.clear()
         self._asked = float("-inf")
 
@@ -306,8 +308,8 @@ class Session(OpenRequests):
             # answered, and the requests repeated below have lower ones.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if is_back and not is_new:
-            self._declare_what_may_be_forgotten()
-            self._observe_anew()
+            self._repeat_declarations()
+            self._observe_again()
         for request in self.requests.values():
             request.repeated = request.was_sent
             # A repeated send needs an answer of its own.
@@ -316,7 +318,7 @@ class Session(OpenRequests):
             self._send(request)
         self.outgoing += self._replies.values()
 
-    def _declare_what_may_be_forgotten(self) -> None:
+    def _repeat_declarations(self) -> None:
         """Declare the handlers that central may have accepted and forgotten with the connection.
 
         To the repeated request it only repeats its first answer.
@@ -325,7 +327,7 @@ class Session(OpenRequests):
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
                 self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
 
-    def _observe_anew(self) -> None:
+    def _observe_again(self) -> None:
         """Observe again under new numbers.
 
         Changes that central sent in the meantime are lost; the new observation starts with the
@@ -368,15 +370,15 @@ class Session(OpenRequests):
     def _forget(self) -> None:
         """Drop everything that belongs to the tree of a central that was restarted."""
         for number, request in list(self.requests.items()):
-            if request.settled is not None:
+            if request.on_over is not None:
                 del self.requests[number]  # ``redeclaration`` starts again and repeats it
                 continue
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
-                request.gone = named.what if named is not None else ""
-                self.end(request, RESTARTED)
+                request.forgotten_subject = named.what if named is not None else ""
+                self.finish(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
-                self.end(request, "central was restarted and has forgotten it")
+                self.finish(request, "central was restarted and has forgotten it")
             elif isinstance(request.header, Observe):
                 request.answers.clear()  # about tasks of the old tree
         for lock in self._locks.values():
@@ -409,9 +411,9 @@ class Session(OpenRequests):
                 asked.message if isinstance(asked, headers.Send) else "number", header.id
             )
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
-            if request.settled is None and is_lasting(asked):
+            if request.on_over is None and is_lasting(asked):
                 self.attachments.add(asked, self.messages, number)
-            self.end(request)
+            self.finish(request)
 
     def _on_tasks_made(self, header: headers.TasksMade, _: bytes) -> None:
         for number, task in header.tasks:
@@ -420,10 +422,10 @@ class Session(OpenRequests):
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
         request = self._answered(header.number)
         if header.refusal is Refusal.SHUT_OUT:
-            self._not_welcome(header)
+            self._on_not_welcome(header)
         elif request is None:
             if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
-                self._not_welcome(header)
+                self._on_not_welcome(header)
             elif header.refusal is not Refusal.TOO_LATE:
                 self.complaints.append(f"central refused: {header.text}")
             elif not header.number:  # with a number, it was given up in the meantime
@@ -432,9 +434,9 @@ class Session(OpenRequests):
             self._ask_again(request)
         else:
             request.refused = header
-            self.end(request)
+            self.finish(request)
 
-    def _not_welcome(self, header: headers.Refused) -> None:
+    def _on_not_welcome(self, header: headers.Refused) -> None:
         """End everything that waits for a central that refused Hello. Hello is repeated.
 
         The number is 0 if central could not read Hello, because it speaks another version, or if it
@@ -464,7 +466,7 @@ class Session(OpenRequests):
             self._send(request)
         else:
             # A query may have been answered, or a variable exchanged: the caller must decide.
-            self.end(request, "the connection to central broke before the answer came")
+            self.finish(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
         request = self._answered(header.number)
@@ -473,10 +475,10 @@ class Session(OpenRequests):
             if not header.more:
                 if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
                     self._locks[header.number] = request
-                self.end(request)
+                self.finish(request)
             else:
                 request.seen += 1
-                self._tell_of(request)
+                self._notify_waiters(request)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self.open_deliveries:
@@ -486,7 +488,7 @@ class Session(OpenRequests):
             self.outgoing.append(reply)
             return
         # Central counts *ahead* deliveries as unanswered, so it has all earlier replies.
-        self._keep_replies(max(0, header.ahead - len(self.open_deliveries)))
+        self._drop_old_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
         (self.ahead if header.ahead else self.deliveries).append((header, body))
 

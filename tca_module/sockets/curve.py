@@ -25,11 +25,11 @@ def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
     """
     key = key_for(address)
     if key is not None:
-        put_key(socket, key)
+        set_key(socket, key)
     return key
 
 
-def put_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
+def set_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
     """Set a key on a socket, which then talks only to the key's central."""
     socket.setsockopt(zmq.CURVE_SERVERKEY, key.central.encode())
     socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
@@ -58,13 +58,13 @@ def make_server(socket: "zmq.Socket[bytes]") -> str:
     return public.decode()
 
 
-def speak_only_to(socket: "zmq.Socket[bytes]", server: str) -> None:
+def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
     """Make a socket talk only to the holder of a key's secret half, with a new pair of its own."""
     public, secret = zmq.curve_keypair()
-    put_key(socket, ClientKey("", public.decode(), secret.decode(), server))
+    set_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
 
-def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
+def key_problem(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
     """Return why the central at *address* rejects this program's key; "" if it does not.
 
     Takes a moment.

@@ -13,7 +13,7 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.sockets.curve import key_for, make_server, speak_only_to
+from tca_module.sockets.curve import key_for, make_server, use_server_key
 from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.packets.routes import Entrance
@@ -116,7 +116,7 @@ class PathSocket(_DirectSocket):
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
             if entrance.curve:
-                speak_only_to(self._socket, entrance.curve)
+                use_server_key(self._socket, entrance.curve)
             self._socket.connect(entrance.endpoint)
         except OSError:
             self._socket.close(linger=0)
@@ -158,7 +158,7 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     folder = Path(central.removeprefix("ipc://")).parent
     if not central.startswith("ipc:///"):
         raise ValueError(f"central's address {central!r} has no folder for the socket")
-    _remove_those_of_the_dead(folder)
+    _remove_stale_sockets(folder)
     path = folder / f"{os.getpid()}-{token_hex(4)}{_SUFFIX}"
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise ValueError(f"{path} is too long for a socket")
@@ -167,7 +167,7 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     return f"ipc://{path}"
 
 
-def _remove_those_of_the_dead(folder: Path) -> None:
+def _remove_stale_sockets(folder: Path) -> None:
     """Remove the socket files of processes that were killed."""
     for path in folder.glob(f"*{_SUFFIX}"):
         try:

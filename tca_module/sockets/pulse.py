@@ -42,13 +42,13 @@ class Pulse:
         socket.setsockopt(zmq.ROUTING_ID, self.name)
         show_key(socket, address)
         socket.connect(address)
-        beats = threading.Event()
+        is_started = threading.Event()
         self._thread = threading.Thread(
-            target=_send_back, args=(socket, beats), name="pulse", daemon=True
+            target=_echo, args=(socket, is_started), name="pulse", daemon=True
         )
         self._thread.start()
         # running before central knows of it, and before any thread holds Python's lock for long
-        beats.wait()
+        is_started.wait()
 
     def release(self) -> None:
         """End one use; the last one closes the pulse."""
@@ -85,9 +85,9 @@ def pulse_to(address: str) -> Pulse:
         return pulse
 
 
-def _send_back(socket: "zmq.Socket[bytes]", beats: threading.Event) -> None:
+def _echo(socket: "zmq.Socket[bytes]", is_started: threading.Event) -> None:
     # A signal delivered to this thread would have to wait for Python's lock.
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
     with contextlib.suppress(zmq.ContextTerminated), socket:
-        beats.set()
+        is_started.set()
         zmq.proxy(socket, socket)

@@ -41,7 +41,7 @@ _PROBED_WITHIN = 0.2  # seconds
 _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
-class Beside(Protocol):
+class EventSource(Protocol):
     """A source of events that is waited for together with packets from central."""
 
     def fileno(self) -> int:
@@ -54,7 +54,7 @@ class Beside(Protocol):
         """Return whether there is something to do."""
 
 
-class Transport(Beside, Protocol):
+class Transport(EventSource, Protocol):
     """Carries packets to one central and back.
 
     It may lose packets when the connection breaks, but keeps their order.
@@ -150,7 +150,7 @@ class Waker:
 _ONE = (1).to_bytes(8, sys.byteorder)  # an eventfd requires eight bytes; a pipe accepts anything
 
 
-def is_anybody_there(address: str) -> bool:
+def accepts_connections(address: str) -> bool:
     """Return whether the operating system accepts connections to *address*.
 
     It does so for a stopped process, but not for one that has ended. *address* is ``ipc://`` or
@@ -166,7 +166,7 @@ def is_anybody_there(address: str) -> bool:
     return True
 
 
-def is_turned_away(address: str) -> bool:
+def rejects_connections(address: str) -> bool:
     """Return whether connections to *address* are cut at once, as by an overloaded central."""
     try:
         with _probe(address) as probe:
@@ -235,8 +235,8 @@ class DealerTransport:
         self._is_woken_at_once = False
         self._is_lively = False  #: a packet was sent or requested lately
         #: waits for the socket and all other sources
-        self._all: selectors.DefaultSelector | None = None
-        self._beside: dict[Beside, int] = {}  #: other source -> its file
+        self._selector: selectors.DefaultSelector | None = None
+        self._sources: dict[EventSource, int] = {}  #: other source -> its file
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
@@ -273,7 +273,7 @@ class DealerTransport:
         if timeout_seconds <= 0:
             # Asking first is cheaper than the exception that an empty socket raises.
             return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
-        if self._is_lively and not (self._beside or self._is_woken_at_once):
+        if self._is_lively and not (self._sources or self._is_woken_at_once):
             # ZeroMQ's own wait is cheaper, but no wake from another thread ends it.
             if (packet := self._receive_soon(min(timeout_seconds, _LIVELY))) is not None:
                 return packet
@@ -294,27 +294,27 @@ class DealerTransport:
         except zmq.Again:
             return None
 
-    def add(self, beside: Beside) -> None:
+    def add(self, source: EventSource) -> None:
         """Wait in ``receive`` for this source, too."""
-        self._beside[beside] = beside.fileno()
-        self._together().register(self._beside[beside], selectors.EVENT_READ)
+        self._sources[source] = source.fileno()
+        self._full_selector().register(self._sources[source], selectors.EVENT_READ)
 
-    def remove(self, beside: Beside) -> None:
+    def remove(self, source: EventSource) -> None:
         """Stop waiting for this source."""
-        self._together().unregister(self._beside.pop(beside))
+        self._full_selector().unregister(self._sources.pop(source))
 
-    def _together(self) -> selectors.DefaultSelector:
-        if self._all is None:
-            self._all = selectors.DefaultSelector()
-            self._all.register(self._file, selectors.EVENT_READ)
-        return self._all
+    def _full_selector(self) -> selectors.DefaultSelector:
+        if self._selector is None:
+            self._selector = selectors.DefaultSelector()
+            self._selector.register(self._file, selectors.EVENT_READ)
+        return self._selector
 
     def has_arrived(self) -> bool:
         """Return whether a packet or another source is ready, or ``wake`` was called since the last
         time.
         """
         is_woken = self._waker.clear()
-        arrived = [beside.has_arrived() for beside in self._beside]  # every source must be asked
+        arrived = [source.has_arrived() for source in self._sources]  # every source must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
     def time(self) -> float:
@@ -334,13 +334,13 @@ class DealerTransport:
 
         Ask ``has_arrived`` before each wait for it.
         """
-        return self._together().fileno()
+        return self._full_selector().fileno()
 
     def files(self) -> Collection[int]:
         """Return the files; one becomes readable when something may have arrived or ``wake`` is
         called.
         """
-        return self._file, self._waker.fileno(), *self._beside.values()
+        return self._file, self._waker.fileno(), *self._sources.values()
 
     def waker(self) -> Waker:
         """Return the waker, and make ``wake`` take effect at once from now on."""
@@ -353,8 +353,8 @@ class DealerTransport:
 
     def close(self) -> None:
         """Close. Packets already sent still leave, for a second."""
-        if self._all is not None:
-            self._all.close()
+        if self._selector is not None:
+            self._selector.close()
         self._socket.close()
         self._waker.close()
         if self._pulse is not None:

@@ -59,7 +59,7 @@ class Clock:
         """Wait as a slot does, and call what is due."""
         self.now += seconds
         if self.callbacks.connection is not None:
-            self.callbacks.found(ready or {})
+            self.callbacks.queue_due(ready or {})
         while self.callbacks.call_one():
             pass
 

@@ -252,7 +252,7 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
     central.packets.append((0.0, b"nonsense"))
     central.say(Answer(2))
     assert connection.wait(request, 1.0, "query")
-    assert "sent what is no message" in caplog.text
+    assert "sent an invalid packet" in caplog.text
 
 
 def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
@@ -498,7 +498,7 @@ def test_a_central_that_answers_is_not_silent() -> None:
     central.now += QUIET
     assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
     central.say(Beat())
-    connection.tend(central.now)
+    connection.keep_alive(central.now)
     assert not connection.silence
 
 

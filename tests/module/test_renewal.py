@@ -139,7 +139,7 @@ def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Sessi
     kept, lost = session.request(mine), session.request(handlers)
     hear(session, welcome("two"))
     assert not kept.lost
-    assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
+    assert (lost.lost, lost.forgotten_subject) == ("central was restarted and has forgotten its tree", "'walk'")
 
 
 def test_what_was_asked_before_comes_after_it(session: Session) -> None:
@@ -249,7 +249,7 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
 
 
 def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
-    session.withdrawn()
+    session.forget_handlers()
     assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
 
 
