@@ -390,7 +390,7 @@ class Connection(Waits):
                 self.session.give_back()
                 self.line.flush()
 
-    # --- its end ----------------------------------------------------------------------------------
+    # --- closing ----------------------------------------------------------------------------------
 
     def close(self, linger: float = LINGER, before: int = 0) -> None:
         """Say goodbye when all that was sent has arrived, or after *linger* seconds.
