@@ -46,13 +46,14 @@ class Server(ABC, Generic[D, R]):
     def initiated(
         self, task: Task, goal: D
     ) -> R | LaterReply[R] | Coroutine[Any, Any, R | LaterReply[R]]:
-        """Carry out the task, and return its result.
-
-        It may also return ``task.reply_later()``, or be ``async def``.
+        """Carry out the task, and return its result. The method may be ``async def``.
 
         Args:
             task: The task.
             goal: The data of the task.
+
+        Returns:
+            The result of the task, or ``task.reply_later()``.
         """
 
     def update(self, task: Task, goal: D) -> bool:
@@ -132,9 +133,7 @@ class ServerHandler(Handler):
         self._server = server
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
-        """Create the Task of a delivered message; from now on the server answers its clients'
-        requests.
-        """
+        """Create the Task of a delivered message; the server answers its clients' requests."""
         task = super().task(connection, delivery)
         served = task._served()  # noqa: SLF001 - not for users
         served.is_conversing = True
