@@ -99,7 +99,7 @@ def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:
     def together(runs: list[Any], bodies: list[bytes], begun: float) -> tuple[Any, bytes]:
         return headers.Replies(runs[:0:-1] or runs, begun), b"".join(bodies[:0:-1] or bodies)
 
-    patch.setattr(joined_replies, "_together", together)
+    patch.setattr(joined_replies, "_join", together)
 
 
 FAULTS: dict[Callable[[Patch], None], tuple[Make, str]] = {

@@ -201,10 +201,10 @@ def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
 
 def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
     pair.path.tell(Send(0, "pose"), b"1")
-    assert pair.path.unheard == 1
+    assert pair.path.unconfirmed == 1
     pair.path.is_asked = True
     pair.greet()
-    assert (pair.path.unheard, pair.handled) == (0, [])
+    assert (pair.path.unconfirmed, pair.handled) == (0, [])
 
 
 def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
@@ -302,7 +302,7 @@ def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
     pair.now += direct_path.REPEAT
     pair.greet()
     pair.handle()  # nobody is told of this one
-    assert (pair.path.unheard, pair.lost) == (0, [])
+    assert (pair.path.unconfirmed, pair.lost) == (0, [])
     pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
     assert not pair.path.is_needed
@@ -406,9 +406,9 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
             (pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),),
             f"version {PROTOCOL_VERSION + 1}",
         ),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is not a sender"),
     ],
 )
 def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:

@@ -80,7 +80,7 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert known_as(session, tap()) == ("two", 1)
     assert known_as(session, attach()) == ("two", 2)
     assert session.complaints == [
-        "central was restarted: exception handlers and wiretaps attached anew: 2"
+        "central was restarted: exception handlers and wiretaps attached again: 2"
     ]
 
 
@@ -107,7 +107,7 @@ def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
         "the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted"
     )
     assert complaint.endswith(
-        "has forgotten its tree, in which it was to watch until end achieving task 7"
+        "has forgotten its tree, so it can't watch until end achieving task 7"
     )
     hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
     assert said(session) == [HANDLERS]
@@ -139,7 +139,7 @@ def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Sessi
     kept, lost = session.request(mine), session.request(handlers)
     hear(session, welcome("two"))
     assert not kept.lost
-    assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
+    assert (lost.lost, lost.forgotten_subject) == ("central was restarted and has forgotten its tree", "'walk'")
 
 
 def test_what_was_asked_before_comes_after_it(session: Session) -> None:
@@ -249,7 +249,7 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
 
 
 def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
-    session.withdrawn()
+    session.forget_handlers()
     assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
 
 
@@ -272,7 +272,7 @@ A_REST = Send(0, "rest")
 
 
 def callback(number: int, request: int) -> Kill:
-    return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
+    return Kill(number, TaskId(-request), "its sender has given up waiting for its id")
 
 
 @pytest.fixture

@@ -136,7 +136,7 @@ def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> N
 
     def waits(sender: Sender, degrees: float) -> None:
         note = sender.query_notify(TEMPERATURE, None, lambda *_: None)
-        with pytest.raises(MisuseError, match="a callback waits for another one") as error:
+        with pytest.raises(MisuseError, match="a callback waits for another callback") as error:
             note.wait(SOON)
         caught.append(error.value)
 
@@ -564,7 +564,7 @@ def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client)
         ]
         for ask in asks:
             with pytest.raises(
-                QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"
+                QueryFailed, match=r"called reply_later\(\) but returned .*: return the LaterReply"
             ):
                 ask()
     with pytest.raises(

@@ -50,7 +50,7 @@ A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
 STATUS, SWAP = Ask(0, "status"), SetVariable(0, "pose", swap=True)
 WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
 HANDLES_WALK = HandlerFormat("walk", "legs")
-FORGOTTEN = "central was restarted meanwhile and has forgotten it"
+FORGOTTEN = "central was restarted and has forgotten it"
 TOO_LATE = Refused(2, Refusal.TOO_LATE, "no longer kept")
 
 
@@ -289,11 +289,11 @@ def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> N
     session.post(Send(0, "position"))
     asked(session, STATUS)
     session.post(SetVariable(0, "pose"))
-    assert session.unheard == 2
+    assert session.unconfirmed == 2
     hear(session, Answer(2))
-    assert session.unheard == 1
+    assert session.unconfirmed == 1
     hear(session, Unknown())
-    assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
+    assert (session.dropped, session.doubtful, session.unconfirmed) == (1, 0, 0)
 
 
 def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
@@ -310,7 +310,7 @@ def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session)
     questions = [header for header in said(session) if isinstance(header, Register)]
     assert questions == [Register(2, [], [])]
     hear(session, Accepted(2))
-    assert session.unheard == 2 * CONFIRM_EVERY
+    assert session.unconfirmed == 2 * CONFIRM_EVERY
     session.post(Send(0, "position"))
     assert said(session)[-1] == Register(3, [], [])
 
@@ -318,10 +318,10 @@ def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session)
 def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) -> None:
     hear(session, Deliver(7, "walk"))
     session.reply(Reply(7), b"")
-    assert not session.is_settled
+    assert not session.is_confirmed
     session.confirm()
     hear(session, Accepted(2))
-    assert session.is_settled
+    assert session.is_confirmed
 
 
 def test_closing_is_reported_and_begins_anew(session: Session) -> None:

@@ -359,7 +359,7 @@ class Thread:
         reply: headers.Reply | headers.Fail = headers.Reply(
             delivery.delivery, self.now - work.began
         )
-        if failing is None and self.session.open_deliveries.was_told_to_end(delivery.delivery):
+        if failing is None and self.session.open_deliveries.was_woken_to_end(delivery.delivery):
             failing = Failing("module lost")
         if failing is not None:
             reply, body = (
@@ -383,9 +383,9 @@ class Thread:
             session.give_back()
         if self._lingers_until == FOR_EVER:
             self._lingers_until = self.now + PATIENCE
-            if session.is_welcome and not session.is_settled:
+            if session.is_welcome and not session.is_confirmed:
                 session.confirm()
-        if session.is_welcome and not session.is_settled and self.now < self._lingers_until:
+        if session.is_welcome and not session.is_confirmed and self.now < self._lingers_until:
             self.wake(self._lingers_until)
             return False
         self.session.post(headers.Bye())
@@ -469,7 +469,7 @@ class Process:
         self.clockwork.say(self.name, "leaves")
         self.is_leaving = True
         first = self.threads[0]
-        first.session.withdrawn()
+        first.session.forget_handlers()
         first.session.request(headers.Unregister(0, []))
         for thread in self.threads:
             if not thread.is_over and not thread.is_busy:
