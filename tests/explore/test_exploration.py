@@ -157,7 +157,7 @@ def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
     scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = tca.explore(scenario, limit=80)
-    for room in ("KEPT_PLAYS", "KEPT_BYTES"):
+    for room in ("MAX_PLAYS", "SNAPSHOT_BYTES"):
         monkeypatch.setattr(f"tca_tools.explore.search.exploration.{room}", 0)
         again = tca.explore(scenario, limit=80)
         assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
@@ -173,13 +173,13 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self, play)
 
     monkeypatch.setattr(Snapshots, "save", save)
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_PLAYS", 0)
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 100_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.MAX_PLAYS", 0)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 100_000)
     result = tca.explore(walking(never_stuck()))
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 10_000)
     good(walking(never_stuck()))
     assert 0 < len(made) < result.states
 

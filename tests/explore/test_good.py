@@ -24,7 +24,7 @@ from tca_tools.explore import (
     within,
 )
 from tca_tools.explore.play.play import Action, ActionKind, Play
-from tca_tools.explore.search.fingerprint import Detail, recognised
+from tca_tools.explore.search.fingerprint import Detail, fingerprint_of
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
@@ -244,18 +244,18 @@ def needed(play: Play) -> set[tuple[str, str]]:
 def goes_round(result: tca.Result) -> tuple[Action, ...]:
     """The way round, which has been gone twice."""
     assert result.violation is not None, tca.report(result)
-    circle = result.violation.circle
+    circle = result.violation.cycle
     assert circle
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = recognised(play, (), WATCHED)[0], needed(play)
+    start, left_out = fingerprint_of(play, (), WATCHED)[0], needed(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
             left_out = (left_out & needed(play)) - {(action.kind, action.name)}
-        assert recognised(play, (), WATCHED)[0] == start
+        assert fingerprint_of(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
@@ -364,7 +364,7 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
     assert result.violation is not None, tca.report(result)
     assert "all the while:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
-    assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
+    assert {action.name for action in result.violation.cycle} >= {"legs/1", "ear/1"}
     good(starving(0, never_stuck(), eventually(achieved(STEP))))
     found(starving(1, eventually(achieved(STEP))))
 

@@ -77,7 +77,7 @@ class Seen(MessageView):
         return self.message
 
 
-class TakenRequest(msgspec.Struct, frozen=True):
+class AcceptedRequest(msgspec.Struct, frozen=True):
     """A request that central has taken."""
 
     sender: str
@@ -129,15 +129,15 @@ class World:
         self,
         known: JournalWorld,
         order: dict[int, int],
-        taken: TakenRequest | None = None,
-        look: Callable[[], None] = lambda: None,
+        taken: AcceptedRequest | None = None,
+        on_time_read: Callable[[], None] = lambda: None,
     ) -> None:
         self._known = known
         self.taken = taken
         """The request of a script that central took with the last action; None if there was none,
         or it was refused or too late.
         """
-        self._look = look  #: called when somebody looks at the time
+        self._on_time_read = on_time_read  #: called when somebody looks at the time
         # Messages from before the last action come in the order of the state before it; the rest as
         # they were sent.
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
@@ -208,11 +208,11 @@ class World:
         """Seconds since the run began. A property that looks at it makes each time another state,
         and a scenario in which time never stops endless: ``within`` does not.
         """
-        self._look()
+        self._on_time_read()
         return round(self._known.now, _DIGITS)
 
 
-def breach_in_words(breach: Breach) -> str:
+def describe_breach(breach: Breach) -> str:
     """The error in words, and its messages with their ids."""
     names = ", ".join(
         f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001

@@ -26,7 +26,7 @@ class OpenRequest:
 
     number: RequestNumber
     header: Any
-    unread: deque[steps.Got] = field(default_factory=deque)
+    unread: deque[steps.StepResult] = field(default_factory=deque)
     is_over: bool = False  #: nothing more comes
     taken: str = ""  #: of a lock that was granted: how it was lost
 
@@ -37,7 +37,7 @@ class Actor:
     def __init__(
         self,
         program: Program,
-        given: steps.Given,
+        given: steps.HandlerInput,
         delivery: int = 0,
         task: TaskId = TaskId(0),  # noqa: B008
     ) -> None:
@@ -45,41 +45,45 @@ class Actor:
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
         self.known: list[TaskId] = []  #: other things it has heard of, by place
-        self.life = program.beginning(given)
+        self.script_run = program.start(given)
         self.requests: dict[
             int, OpenRequest
         ] = {}  #: by place; those of which nothing more can come are left out
         self.asked = 0  #: how many there were
         self.step: steps.Step | None = None  #: that it is waiting to get something for
         self.number = RequestNumber(0)  #: of what it has just asked
-        self.late_at: float | None = None  #: when it waits no longer
-        self.is_told = False  #: that its task was killed
+        self.times_out_at: float | None = None  #: when it waits no longer
+        self.is_killed = False  #: that its task was killed
         self.is_ending = False  #: its module leaves
-        self.was_told = False  #: one of these, when it last got something
-        self.knows = False  #: that its task was killed: it has read that, or was woken
-        self.knows_end = False  #: that its module ends, in the same way
-        self.wishes: deque[steps.Got] = deque()  #: of clients, that it has not read
-        self.uses: deque[str] = deque()  #: of the reply that it leaves to others, in their words
+        self.was_ending = False  #: one of these, when it last got something
+        self.knows_of_kill = False  #: that its task was killed: it has read that, or was woken
+        self.knows_of_module_end = False  #: that its module ends, in the same way
+        self.client_requests: deque[steps.StepResult] = deque()  #: of clients, that it has not read
+        self.reply_uses: deque[str] = (
+            deque()
+        )  #: of the reply that it leaves to others, in their words
         self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
 
     @property
     def branches(self) -> tuple[steps.Branch, ...]:
         """How it may go on. Raises ScenarioError."""
-        return self.program.branches(self.life)
+        return self.program.branches(self.script_run)
 
     @property
     def awaited(self) -> OpenRequest | None:
         """The request whose answer it waits for."""
-        return self.requests[self.step.request] if isinstance(self.step, steps.Await) else None
+        return (
+            self.requests[self.step.request] if isinstance(self.step, steps.AwaitAnswer) else None
+        )
 
-    def may_take(self, branch: steps.Branch) -> bool:
+    def can_take(self, branch: steps.Branch) -> bool:
         """Whether *branch* reads of a kill, and of its suspension, only what it can have been
         told.
         """
         read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
         if not (
-            (self.is_told or self.is_ending or 1 not in read)
-            and (not self.was_told or 0 not in read)
+            (self.is_killed or self.is_ending or 1 not in read)
+            and (not self.was_ending or 0 not in read)
         ):
             return False
         return all(
@@ -98,49 +102,49 @@ class Actor:
 
     @property
     def _is_woken_by_kill(self) -> bool:
-        return self.is_told and not self.knows
+        return self.is_killed and not self.knows_of_kill
 
     @property
     def _is_woken_by_end(self) -> bool:
-        return self.is_ending and not self.knows_end
+        return self.is_ending and not self.knows_of_module_end
 
-    def wish(self, got: steps.Got) -> None:
+    def queue_request(self, got: steps.StepResult) -> None:
         """A client wants something of its task."""
-        self.wishes.append(got)
-        if isinstance(self.step, steps.ReadWish):
-            self.get(self.wishes.popleft())
+        self.client_requests.append(got)
+        if isinstance(self.step, steps.ReadClientRequest):
+            self.receive(self.client_requests.popleft())
 
-    def wake_from_look(self) -> None:
+    def wake_from_read(self) -> None:
         """It waits no longer for what clients want: its task was killed, or its module ends; once
         for each. Where it owes its reply, that has failed when its module ends.
         """
         by_kill = self._is_woken_by_kill
-        if isinstance(self.step, steps.ReadWish) and (by_kill or self._is_woken_by_end):
-            self.learn()
-            self.get(steps.Got(self.step.kind, is_woken=True, module_ends=not by_kill))
-        elif isinstance(self.step, steps.Owe) and self.is_ending:
-            self.get(steps.Got(self.step.kind, module_ends=True))
+        if isinstance(self.step, steps.ReadClientRequest) and (by_kill or self._is_woken_by_end):
+            self.notice_end()
+            self.receive(steps.StepResult(self.step.kind, is_woken=True, module_ends=not by_kill))
+        elif isinstance(self.step, steps.OweReply) and self.is_ending:
+            self.receive(steps.StepResult(self.step.kind, module_ends=True))
 
-    def use(self, *words: str) -> None:
+    def use_reply(self, *words: str) -> None:
         """Others say these *words* of the reply that it leaves to them."""
-        self.uses.extend(words)
-        if isinstance(self.step, steps.Owe) and self.uses:
-            self.get(steps.Got(self.step.kind, words=self.uses.popleft()))
-        self.wake_from_look()
+        self.reply_uses.extend(words)
+        if isinstance(self.step, steps.OweReply) and self.reply_uses:
+            self.receive(steps.StepResult(self.step.kind, words=self.reply_uses.popleft()))
+        self.wake_from_read()
 
-    def learn(self) -> None:
-        """It knows all by now."""
-        self.knows, self.knows_end = self.is_told, self.is_ending
+    def notice_end(self) -> None:
+        """It knows_of_kill all by now."""
+        self.knows_of_kill, self.knows_of_module_end = self.is_killed, self.is_ending
 
-    def be_told(self, *, module_ends: bool = False) -> None:
+    def request_end(self, *, module_ends: bool = False) -> None:
         """It is to end: its task was killed, or its module ends."""
-        self.is_told, self.is_ending = (
-            self.is_told or not module_ends,
+        self.is_killed, self.is_ending = (
+            self.is_killed or not module_ends,
             self.is_ending or module_ends,
         )
         if self.suspended[-1]:  # it is to end, not to hold
             self.suspended = (*self.suspended, False)
-        self.wake_from_look()
+        self.wake_from_read()
 
     def ask(self, request: OpenRequest) -> None:
         """It has made a request."""
@@ -149,46 +153,48 @@ class Actor:
 
     def read(self) -> None:
         """It gets the answer that is there to what it waits for, or is woken."""
-        assert isinstance(self.step, steps.Await)
+        assert isinstance(self.step, steps.AwaitAnswer)
         place = self.step.request
         request = self.requests[place]
         if self.is_woken_from(request):
-            answer = request.unread.popleft() if request.unread else steps.Got(self.step.kind)
+            answer = (
+                request.unread.popleft() if request.unread else steps.StepResult(self.step.kind)
+            )
             answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
-            self.learn()
-            self.get(answer)
+            self.notice_end()
+            self.receive(answer)
         else:
-            self.get(request.unread.popleft())
+            self.receive(request.unread.popleft())
         if (
             request.is_over and not request.unread and not isinstance(request.header, Lock)
         ):  # one can be given back
             del self.requests[place]
 
-    def lives(self, *got: steps.Got) -> None:
-        """That is part of its life now."""
+    def record(self, *got: steps.StepResult) -> None:
+        """That is part of its script_run now."""
         if any(one.kind == CANCELLED and one.choice for one in got):
-            self.learn()
-        self.life = self.program.live(self.life, *got)
+            self.notice_end()
+        self.script_run = self.program.extend(self.script_run, *got)
 
-    def get(self, got: steps.Got) -> None:
+    def receive(self, got: steps.StepResult) -> None:
         """Something came back for its step."""
-        self.lives(got)
-        self.step, self.number, self.late_at = None, RequestNumber(0), None
-        self.was_told = self.is_told or self.is_ending
+        self.record(got)
+        self.step, self.number, self.times_out_at = None, RequestNumber(0), None
+        self.was_ending = self.is_killed or self.is_ending
         self.suspended = self.suspended[-1:]
 
     def digest(self, before: bytes | None = None) -> bytes:
         """What it did and got, after what was there *before*; the same in all explorations."""
-        lived = repr((before, self.program.name, self.life.given, self.life.history()))
+        lived = repr((before, self.program.name, self.script_run.given, self.script_run.history()))
         return blake2b(lived.encode(), digest_size=16).digest()
 
-    def real(self, name: int) -> TaskId:
+    def real_id(self, name: int) -> TaskId:
         """Central's id of what the script names."""
         if name == steps.OWN:
             return self.task
         return self.known[steps.place_of(name)] if name < steps.OWN else TaskId(name)
 
-    def name(self, real: int) -> TaskId:
+    def script_name(self, real: int) -> TaskId:
         """The script's name for what central calls so."""
         if not real or real == self.task:
             return steps.OWN if real else TaskId(0)
@@ -226,11 +232,11 @@ class ModuleLine:
     def actor(self) -> Actor | None:
         """Whose turn it is: the newest that has begun or, where that one waits, the next."""
         newest = self.stack[-1] if self.stack else None
-        if self.delivered and (newest is None or isinstance(newest.step, steps.Await)):
+        if self.delivered and (newest is None or isinstance(newest.step, steps.AwaitAnswer)):
             return self.delivered[0]
         return newest
 
-    def begin(self, actor: Actor) -> None:
+    def start(self, actor: Actor) -> None:
         """It is its turn."""
         if self.delivered and self.delivered[0] is actor:
             self.stack.append(self.delivered.popleft())
@@ -252,7 +258,7 @@ class ModuleRun:
             ModuleLine
         ] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
-        self.first = deque(module.first)  #: programs to run before it handles anything
+        self.first = deque(module.start_programs)  #: programs to run before it handles anything
         self.is_alive = True
         self.is_leaving = False
 
@@ -261,7 +267,7 @@ class ModuleRun:
         """Whether it has said hello; and, where it handles anything, what, and has said hello for
         each slot.
         """
-        is_serving = self.module.formats or self.module.first
+        is_serving = self.module.formats or self.module.start_programs
         return self.steps_joined == (2 + len(self.module.slots) if is_serving else 1)
 
     @property
@@ -270,7 +276,7 @@ class ModuleRun:
         is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
         return is_first and bool(self.first or self.lines[0].actors)
 
-    def may_say_goodbye(self) -> list[ModuleLine]:
+    def closable_lines(self) -> list[ModuleLine]:
         """Those of its lines that may end now because it leaves: what does nothing, its own line
         last.
         """

@@ -15,7 +15,7 @@ from tca_tools.check.handling import check_locks
 from tca_tools.check.world import JournalWorld
 from tca_tools.explore.errors import CentralFault, ScenarioError
 from tca_tools.explore.observed.observer import Observer
-from tca_tools.explore.observed.world import TakenRequest
+from tca_tools.explore.observed.world import AcceptedRequest
 from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
 from tca_tools.explore.play.identifiers import (
     MessageId,
@@ -37,7 +37,7 @@ from tca_wire.points import TaskId
 
 OBSERVER = ConnectionId(b"observer")
 """The connection of the module that is told of all states."""
-_AWAITED, _LOOK = steps.Await(0).kind, steps.ReadWish().kind
+_AWAITED, _READ = steps.AwaitAnswer(0).kind, steps.ReadClientRequest().kind
 
 
 class Exchange:
@@ -52,12 +52,12 @@ class Exchange:
         )
         self.world = JournalWorld([], is_whole=True)
         self.observer: Observer | None = None
-        self.taken: TakenRequest | None = (
+        self.taken: AcceptedRequest | None = (
             None  #: the request that central took with the last action
         )
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
-        self.lived: dict[
+        self.digests: dict[
             str, bytes
         ] = {}  #: by line: what its scripts did and got, where messages may be ahead
         self.facts: list[Fact] = []  #: recorded with the last action
@@ -75,9 +75,9 @@ class Exchange:
         inbox = self.lines[line].inbox if line in self.lines else None
         if inbox is None:
             return self.handle(RequestReceived(self.now, connection_of(line), header, body))
-        return [] if inbox.say(header, body) else self.post(line, inbox)
+        return [] if inbox.send(header, body) else self.flush(line, inbox)
 
-    def post(self, line: str, inbox: SlotInbox) -> list[Effect]:
+    def flush(self, line: str, inbox: SlotInbox) -> list[Effect]:
         """Let central receive what a slot's session says; what came of it."""
         said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
         return [effect for event in said for effect in self.handle(event)]
@@ -93,7 +93,7 @@ class Exchange:
                 self._record(effect.entry)
             else:
                 if effect.connection == OBSERVER and self.observer is not None:
-                    self.observer.hear(effect.header, effect.body)
+                    self.observer.receive(effect.header, effect.body)
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
                     self._send(line, effect.header, effect.body)
@@ -101,44 +101,44 @@ class Exchange:
 
     def _send(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
         if line.inbox is None:
-            self._get(line, header, body)
-        elif not line.inbox.put(header, body):
-            self.hear(line, line.inbox, header, body)
+            self._on_packet(line, header, body)
+        elif not line.inbox.enqueue(header, body):
+            self.receive_packet(line, line.inbox, header, body)
 
-    def hear(
+    def receive_packet(
         self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes
     ) -> None:
         """A slot gets a packet from central."""
-        if inbox.hear(header, body):
-            self._get(line, header, body)
-        self.post(line.name, inbox)
+        if inbox.receive(header, body):
+            self._on_packet(line, header, body)
+        self.flush(line.name, inbox)
 
-    def _get(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
-        if get := _GET.get(type(header)):
+    def _on_packet(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if get := _ON_PACKET.get(type(header)):
             get(self, line, header, body)
 
-    def give_back(self, line: ModuleLine, inbox: SlotInbox) -> None:
+    def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """A slot that leaves gives back what it has ahead."""
         if inbox.session.ahead:
             inbox.session.give_back()
-            self.post(line.name, inbox)
+            self.flush(line.name, inbox)
 
-    def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
+    def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:
         """The error if a slot has other messages than central has given it: nothing is lost, and
         nothing is twice.
         """
         has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
-        given = sorted(given_to(self.central, line.name))
+        given = sorted(deliveries_given_to(self.central, line.name))
         if has == given:
             return ""
         with numbers_shown():
             return f"{line.name} has {has}, and central has given it {given}"
 
-    def begin_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
+    def start_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """A slot begins with the next message that it has ahead."""
-        header, body = inbox.begin_next()
-        self._get_delivery(line, header, body)
-        line.begin(line.delivered[0])
+        header, body = inbox.start_next()
+        self._on_delivery(line, header, body)
+        line.start(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]
         assert slot.resource is not None
         if (
@@ -156,11 +156,11 @@ class Exchange:
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def take(self, line: ModuleLine, actor: Actor) -> None:
+    def carry_out(self, line: ModuleLine, actor: Actor) -> None:
         """An actor takes the step that it is at."""
-        _TAKE[type(actor.step)](self, line, actor, actor.step)
+        _CARRY_OUT[type(actor.step)](self, line, actor, actor.step)
 
-    def go_on(self, line: ModuleLine) -> None:
+    def advance(self, line: ModuleLine) -> None:
         """Play the parts that are no action: a script awaits or reads something, or ends if it
         handles nothing.
         """
@@ -175,14 +175,14 @@ class Exchange:
             if len(branches) != 1 or branches[0].decisions:
                 return
             step = branches[0].step
-            if isinstance(step, steps.Await | steps.Owe):
+            if isinstance(step, steps.AwaitAnswer | steps.OweReply):
                 actor.step = step
-                self.take(line, actor)
-            elif isinstance(step, steps.Know):
-                actor.learn()
-                actor.get(steps.Got(step.kind))
+                self.carry_out(line, actor)
+            elif isinstance(step, steps.NoticeKill):
+                actor.notice_end()
+                actor.receive(steps.StepResult(step.kind))
             elif isinstance(step, steps.Return) and not actor.delivery:
-                self._end(line)
+                self._finish_script(line)
             else:
                 return
 
@@ -190,21 +190,21 @@ class Exchange:
         self._declare(line, step)
         if isinstance(step.header, headers.Lock):
             self._check_lock(step.header)
-        header = renamed(step.header, actor.real)
+        header = renamed(step.header, actor.real_id)
         if getattr(header, "origin", 0):
             header = replace(header, origin=actor.delivery)
-        if step.is_told:
-            actor.get(steps.Got(step.kind))
+        if step.is_one_way:
+            actor.receive(steps.StepResult(step.kind))
         else:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
                 actor.ask(OpenRequest(number, header))
-                actor.get(steps.Got(step.kind))
+                actor.receive(steps.StepResult(step.kind))
             else:
                 actor.number = number
-        if not any(map(_declines, self.receive(line.name, header, step.body))):
-            self.taken = TakenRequest(line.run.name, call_of(header))
+        if not any(map(_is_refusal, self.receive(line.name, header, step.body))):
+            self.taken = AcceptedRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
         """A module that is lost takes its resources along; one that nobody ever has is a
@@ -240,24 +240,28 @@ class Exchange:
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
-    def _await(self, _line: ModuleLine, actor: Actor, step: steps.Await | steps.ReadWish) -> None:
-        actor.late_at = None if step.seconds is None else self.now + step.seconds
+    def _await(
+        self, _line: ModuleLine, actor: Actor, step: steps.AwaitAnswer | steps.ReadClientRequest
+    ) -> None:
+        actor.times_out_at = None if step.seconds is None else self.now + step.seconds
 
-    def _look(self, line: ModuleLine, actor: Actor, step: steps.ReadWish) -> None:
+    def _read_client_request(
+        self, line: ModuleLine, actor: Actor, step: steps.ReadClientRequest
+    ) -> None:
         """A script reads what a client wants of its task."""
-        if actor.wishes:
-            actor.get(actor.wishes.popleft())
+        if actor.client_requests:
+            actor.receive(actor.client_requests.popleft())
         elif not step.waits:
-            actor.get(steps.Got(step.kind))
+            actor.receive(steps.StepResult(step.kind))
         else:
             self._await(line, actor, step)
-            actor.wake_from_look()
+            actor.wake_from_read()
 
-    def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
+    def _on_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.wish(
-                steps.Got(
-                    _LOOK,
+            actor.queue_request(
+                steps.StepResult(
+                    _READ,
                     text=header.text,
                     body=body,
                     choice=header.serial,
@@ -265,19 +269,19 @@ class Exchange:
                 )
             )
 
-    def _give_up(self, line: ModuleLine, actor: Actor, step: steps.GiveUp) -> None:
+    def _abandon(self, line: ModuleLine, actor: Actor, step: steps.Abandon) -> None:
         request = actor.requests.pop(step.request)
-        actor.get(steps.Got(step.kind, text=request.taken))
+        actor.receive(steps.StepResult(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
-    def _end(self, line: ModuleLine) -> None:
+    def _finish_script(self, line: ModuleLine) -> None:
         """The script whose turn it is is over."""
         actor = line.stack.pop()
-        if self.scenario.has_messages_ahead:
-            self.lived[line.name] = actor.digest(self.lived.get(line.name))
+        if self.scenario.has_prefetch:
+            self.digests[line.name] = actor.digest(self.digests.get(line.name))
 
     def _return(self, line: ModuleLine, actor: Actor, step: steps.Return) -> None:
-        self._end(line)
+        self._finish_script(line)
         if actor.delivery:
             self._reply(line, actor, step.body)
 
@@ -285,7 +289,7 @@ class Exchange:
         """A handler returned: see Slot of tca_module. One that knew that its module ends may have
         done half of it.
         """
-        if actor.knows_end and not actor.is_told:
+        if actor.knows_of_module_end and not actor.is_killed:
             self.receive(
                 line.name,
                 headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"),
@@ -294,9 +298,9 @@ class Exchange:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
     def _fail(self, line: ModuleLine, actor: Actor, step: steps.Fail) -> None:
-        self._end(line)
-        if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
-            actor.learn()
+        self._finish_script(line)
+        if actor.delivery and step.was_killed and (actor.is_killed or actor.is_ending):
+            actor.notice_end()
             self._reply(line, actor, NIL)
         elif actor.delivery:
             header = headers.Fail(
@@ -306,77 +310,81 @@ class Exchange:
         elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
-    def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKept) -> None:
+    def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKeptReplies) -> None:
         """The handlers' own scripts do that, some time later."""
         for one in (one for each in line.run.lines for one in each.stack):
             if one.program is line.run.module.handlers.get(step.message):
-                one.use(step.words)
-        actor.get(steps.Got(step.kind))
+                one.use_reply(step.words)
+        actor.receive(steps.StepResult(step.kind))
 
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
         """It never gets anything for that step."""
 
     # --- answers ----------------------------------------------------------------------------------
 
-    def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
+    def _on_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         accepts = any(
             one.accepts for one in line.run.module.formats if one.message == header.message
         )
-        given = steps.Given(body, bool(header.task), accepts)
+        given = steps.HandlerInput(body, bool(header.task), accepts)
         actor = Actor(program, given, header.delivery, header.task)
-        context = renamed(header.context, actor.name)
-        actor.life = program.beginning(replace(given, context=context))
+        context = renamed(header.context, actor.script_name)
+        actor.script_run = program.start(replace(given, context=context))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
-            actor.be_told(module_ends=True)
+            actor.request_end(module_ends=True)
         line.delivered.append(actor)
 
-    def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
+    def _on_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         if (actor := _asking(line, header.number)) is not None and isinstance(
             actor.step, steps.Ask
         ):
             is_change = isinstance(
                 actor.step.header, ChangeState
             )  # its answer is a number of changes
-            made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
-            actor.get(steps.Got(actor.step.kind, id=made))
-        self._answer(line, header.number, steps.Got(_AWAITED, id=TaskId(0)))
+            made = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
+            actor.receive(steps.StepResult(actor.step.kind, id=made))
+        self._answer(line, header.number, steps.StepResult(_AWAITED, id=TaskId(0)))
 
-    def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
+    def _on_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
         if (actor := _asking(line, header.number)) is not None and actor.step is not None:
-            actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
+            actor.receive(steps.StepResult(actor.step.kind, header.refusal, header.text))
         elif (
-            not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text))
+            not self._answer(
+                line, header.number, steps.StepResult(_AWAITED, header.refusal, header.text)
+            )
             and header.number
         ):
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
-    def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
+    def _on_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
         self._answer(
-            line, header.number, steps.Got(_AWAITED, answer=replace(header, number=0), body=body)
+            line,
+            header.number,
+            steps.StepResult(_AWAITED, answer=replace(header, number=0), body=body),
         )
 
-    def _answer(self, line: ModuleLine, number: int, got: steps.Got) -> bool:
+    def _answer(self, line: ModuleLine, number: int, got: steps.StepResult) -> bool:
         """Whether somebody wanted that answer."""
         for actor, request in _requests(line, number):
             if not request.is_over:
                 if isinstance(request.header, headers.Inspect) and got.body:
-                    got = replace(got, body=renamed_rows(got.body, actor.name))
+                    got = replace(got, body=renamed_rows(got.body, actor.script_name))
                 request.unread.append(got)
                 request.is_over = got.is_over
                 return True
         return False
 
-    def _get_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
+    def _on_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.be_told()
+            actor.request_end()
 
-    def _get_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
+    def _on_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
         for _actor, request in _requests(line, header.number):
             request.taken = header.text
 
-    def _get_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
+    def _on_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
             actor.suspended = (*actor.suspended, header.is_suspended)
 
@@ -404,7 +412,7 @@ def connection_of(name: str) -> ConnectionId:
     return ConnectionId(name.encode())
 
 
-def given_to(central: Central, line: str) -> list[int]:
+def deliveries_given_to(central: Central, line: str) -> list[int]:
     """The deliveries that central has given to a slot."""
     slot = central.registry.connections[connection_of(line)]
     ahead = (
@@ -413,31 +421,31 @@ def given_to(central: Central, line: str) -> list[int]:
     return [delivery.given_as for delivery in (*slot.handling, *ahead)]
 
 
-def _declines(effect: Effect) -> bool:
+def _is_refusal(effect: Effect) -> bool:
     """Whether central refuses a request, or says that it came too late to change anything."""
     told = effect.entry.facts if isinstance(effect, Record) else ()
     return any(isinstance(fact, Ignored | RequestRefused) for fact in told)
 
 
 # ruff: noqa: SLF001
-_TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
+_CARRY_OUT: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     steps.Ask: Exchange._ask,
-    steps.Await: Exchange._await,
-    steps.ReadWish: Exchange._look,
-    steps.GiveUp: Exchange._give_up,
+    steps.AwaitAnswer: Exchange._await,
+    steps.ReadClientRequest: Exchange._read_client_request,
+    steps.Abandon: Exchange._abandon,
     steps.Return: Exchange._return,
     steps.Fail: Exchange._fail,
     steps.Hang: Exchange._hang,
-    steps.Owe: lambda _exchange, _line, actor, _step: actor.use(),
-    steps.UseKept: Exchange._use_kept,
+    steps.OweReply: lambda _exchange, _line, actor, _step: actor.use_reply(),
+    steps.UseKeptReplies: Exchange._use_kept,
 }
-_GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
-    headers.Deliver: Exchange._get_delivery,
-    Requested: Exchange._get_requested,
-    headers.Accepted: Exchange._get_accepted,
-    headers.Refused: Exchange._get_refused,
-    headers.Answer: Exchange._get_answer,
-    headers.Cancelled: Exchange._get_cancelled,
-    headers.Suspended: Exchange._get_suspended,
-    headers.Taken: Exchange._get_taken,
+_ON_PACKET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
+    headers.Deliver: Exchange._on_delivery,
+    Requested: Exchange._on_requested,
+    headers.Accepted: Exchange._on_accepted,
+    headers.Refused: Exchange._on_refused,
+    headers.Answer: Exchange._on_answer,
+    headers.Cancelled: Exchange._on_cancelled,
+    headers.Suspended: Exchange._on_suspended,
+    headers.Taken: Exchange._on_taken,
 }

@@ -20,35 +20,35 @@ class SlotInbox:
 
     def __init__(self, hello: headers.Hello) -> None:
         self.session = Session(hello)
-        self.under_way: deque[Item] = deque()
-        self.in_turn = 0  #: the delivery whose reply may be held
+        self.in_transit: deque[Item] = deque()
+        self.last_started = 0  #: the delivery whose reply may be held
 
-    def put(self, header: Any, body: bytes) -> bool:
+    def enqueue(self, header: Any, body: bytes) -> bool:
         """Central has sent a packet; whether it is under way for a while. An answer for which the
         slot waits, and a message when it is free, might as well be heard at once, if nothing is
         before them.
         """
-        is_later = bool(self.under_way) or _is_about_what_is_ahead(header)
+        is_later = bool(self.in_transit) or _is_about_prefetch(header)
         if is_later:
-            self.under_way.append((header, body))
+            self.in_transit.append((header, body))
         return is_later
 
-    def hear(self, header: Any, body: bytes) -> bool:
+    def receive(self, header: Any, body: bytes) -> bool:
         """A packet has come; whether it is one for scripts."""
         if isinstance(header, headers.Welcome | headers.Deliver | headers.Recall):
             self.session.receive(header, body, 0.0)
             self.session.routing.clear()
             self.session.deliveries.clear()  # they are scripts now
-        return not _is_about_what_is_ahead(header)
+        return not _is_about_prefetch(header)
 
-    def begin_next(self) -> Item:
+    def start_next(self) -> Item:
         """Begin with the next message that is ahead."""
         header, body = self.session.ahead.popleft()
-        self.in_turn = header.delivery
+        self.last_started = header.delivery
         self.session.held.begin(header.delivery, 0.0)
         return header, body
 
-    def say(self, header: headers.ToCentral, body: bytes) -> bool:
+    def send(self, header: headers.ToCentral, body: bytes) -> bool:
         """A script says something to central, which is among ``outgoing`` then; whether it is
         held.
         """
@@ -66,14 +66,14 @@ class SlotInbox:
     def state(self) -> list[Any]:
         """All of it that matters."""
         ahead = [header.delivery for header, _ in self.session.ahead]
-        return [self.in_turn, ahead, [*self.session.outgoing], *self.under_way]
+        return [self.last_started, ahead, [*self.session.outgoing], *self.in_transit]
 
     @property
     def deliveries(self) -> list[int]:
         """Those that came ahead, or are under way, and are not begun, and those whose replies are
         held.
         """
-        packets = (*self.session.outgoing, *self.session.ahead, *self.under_way)
+        packets = (*self.session.outgoing, *self.session.ahead, *self.in_transit)
         return [
             header.delivery
             for header, _ in packets
@@ -81,7 +81,7 @@ class SlotInbox:
         ]
 
 
-def _is_about_what_is_ahead(header: Any) -> bool:
+def _is_about_prefetch(header: Any) -> bool:
     return isinstance(header, headers.Recall) or (
         isinstance(header, headers.Deliver) and header.ahead > 0
     )

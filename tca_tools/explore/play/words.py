@@ -6,7 +6,7 @@ from functools import partial
 from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
-from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
+from tca_tools.explore.play.play import Action, ActionKind, Play, Waiter
 from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import RequestWording
 from tca_tools.explore.scenario.script_connection import CHOOSE
@@ -21,11 +21,11 @@ def describe(play: Play, action: Action) -> str:
 
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
-    tasks = [_left(play, task) for task in play.world.tasks if not task.is_over]
+    tasks = [_task_left(play, task) for task in play.world.tasks if not task.is_over]
     return (
         *tasks,
         *(
-            _stuck(play, line, actor)
+            _script_left(play, line, actor)
             for line in play.lines.values()
             for actor in line.actors
             if actor.step is not None
@@ -33,20 +33,22 @@ def unfinished(play: Play) -> tuple[str, ...]:
     )
 
 
-def left_behind(play: Play, one: Waiting) -> str:
+def waiter_in_words(play: Play, one: Waiter) -> str:
     """One that waits for ever, and what for."""
     if isinstance(one[0], int):
-        return _left(play, play.world.items[one[0]])
+        return _task_left(play, play.world.items[one[0]])
     actor = one[0]
-    return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
+    return _script_left(
+        play, next(line for line in play.lines.values() if actor in line.actors), actor
+    )
 
 
-def _stuck(play: Play, line: ModuleLine, actor: Actor) -> str:
-    return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
+def _script_left(play: Play, line: ModuleLine, actor: Actor) -> str:
+    return f"{_actor_name(line, actor, play)} {_wait_in_words(play, actor, actor.step)}"
 
 
-def _left(play: Play, task: MessageRecord) -> str:
-    return f"{_name(play, task.id)} has not ended: {_standing(play, task)}"
+def _task_left(play: Play, task: MessageRecord) -> str:
+    return f"{_name(play, task.id)} has not ended: {_task_status(play, task)}"
 
 
 # --- actions --------------------------------------------------------------------------------------
@@ -61,11 +63,11 @@ def _step(play: Play, action: Action) -> str:
         f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, "
         for got in branch.decisions
     ]
-    return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
+    return f"{_actor_name(line, actor, play)} {''.join(found)}{_step_in_words(play, actor, branch.step)}"
 
 
-def _hear(play: Play, action: Action) -> str:
-    header, _ = play.inbox(action).under_way[0]
+def _receive(play: Play, action: Action) -> str:
+    header, _ = play.inbox(action).in_transit[0]
     named = (
         [header.delivery]
         if isinstance(header, headers.Deliver)
@@ -104,21 +106,21 @@ def _time(play: Play, _: Action) -> str:
     return f"{round(play.next_time - play.now, 6):g} s pass"
 
 
-def _late(play: Play, action: Action) -> str:
+def _timeout(play: Play, action: Action) -> str:
     line = play.lines[action.name]
     actor = line.stack[-1]
-    return f"{_who(line, actor, play)} no longer {_waiting(play, actor, actor.step)}"
+    return f"{_actor_name(line, actor, play)} no longer {_wait_in_words(play, actor, actor.step)}"
 
 
 _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.STEP: _step,
-    ActionKind.HEAR: _hear,
-    ActionKind.BEGIN: _begin,
-    ActionKind.ANSWER: lambda _, action: f"{action.name} sends the replies that it has held",
+    ActionKind.RECEIVE: _receive,
+    ActionKind.START: _begin,
+    ActionKind.REPLY: lambda _, action: f"{action.name} sends the replies that it has held",
     ActionKind.JOIN: _join,
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
-    ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
+    ActionKind.GOODBYE: lambda _, action: f"{action.name} says goodbye",
     ActionKind.KILL: lambda play, action: (
         f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}"
     ),
@@ -129,14 +131,14 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
         f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
     ),
     ActionKind.TIME: _time,
-    ActionKind.LATE: _late,
+    ActionKind.TIMEOUT: _timeout,
 }
 
 
 # --- scripts --------------------------------------------------------------------------------------
 
 
-def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
+def _actor_name(line: ModuleLine, actor: Actor, play: Play) -> str:
     return (
         f"{line.run.name} in {_name(play, actor.task or actor.delivery)}"
         if actor.delivery
@@ -144,43 +146,43 @@ def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
     )
 
 
-def _doing(play: Play, actor: Actor, step: steps.Step | None) -> str:
+def _step_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
     if isinstance(step, steps.Ask):
         declared = {message.name: message.message_class for message in step.declares}
-        header = renamed(step.header, actor.real)
+        header = renamed(step.header, actor.real_id)
         return _wording(play).request(
             header, step.body, declared.get(getattr(header, "message", ""))
         )
-    if isinstance(step, steps.Await):
-        return _waiting(play, actor, step)
-    if isinstance(step, steps.GiveUp):
-        return _give_up(actor, step)
+    if isinstance(step, steps.AwaitAnswer):
+        return _wait_in_words(play, actor, step)
+    if isinstance(step, steps.Abandon):
+        return _abandon(actor, step)
     return _wording(play).filled(_STEPS[type(step)], step)
 
 
-def _waiting(play: Play, actor: Actor, step: steps.Step | None) -> str:
+def _wait_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
     """The wait of an actor at that step, in words."""
-    if not isinstance(step, steps.Await):
-        return _doing(play, actor, step)
+    if not isinstance(step, steps.AwaitAnswer):
+        return _step_in_words(play, actor, step)
     header = actor.requests[step.request].header
     if isinstance(header, headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled):
         return _wording(play).request(header, b"", None)
     return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 
-def _give_up(actor: Actor, step: steps.GiveUp) -> str:
+def _abandon(actor: Actor, step: steps.Abandon) -> str:
     request = actor.requests[step.request]
     is_held = isinstance(request.header, headers.Lock) and request.is_over
     return f"releases {request.header.resource}" if is_held else "wants no answer any more"
 
 
 _STEPS: dict[type, str] = {
-    steps.Know: "gets an error",
+    steps.NoticeKill: "gets an error",
     steps.Return: "returns",
     steps.Fail: "[reissue?reissues its failure|fails: {failure}]",
-    steps.ReadWish: "[waits?waits for|looks at] what clients want",
-    steps.Owe: "owes its reply",
-    steps.UseKept: "uses the kept replies to {message}",
+    steps.ReadClientRequest: "[waits?waits for|looks at] what clients want",
+    steps.OweReply: "owes its reply",
+    steps.UseKeptReplies: "uses the kept replies to {message}",
     steps.Hang: "never goes on",
 }
 """The phrase of each step that is no request."""
@@ -190,7 +192,7 @@ def _wording(play: Play) -> RequestWording:
     return RequestWording(partial(_name, play))
 
 
-def _standing(play: Play, task: MessageRecord) -> str:
+def _task_status(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
     after = [
         _wording(play).point(hold.constraint.before)

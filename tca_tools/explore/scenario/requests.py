@@ -21,24 +21,26 @@ from tca_wire.vocabulary import MessageClass
 class RequestWording(Wording):
     """Requests in words. *called* tells how a task is called: "step {3}"."""
 
-    def __init__(self, called: Callable[[int], str]) -> None:
+    def __init__(self, name_of: Callable[[int], str]) -> None:
         super().__init__()
-        self._called = called
+        self._name_of = name_of
 
     def name(self, number: int) -> str:
         """``step {3}``, or "it" for the task that is sent."""
-        return "it" if number == THIS else self._called(number)
+        return "it" if number == THIS else self._name_of(number)
 
     def request(self, header: Any, body: bytes, message_class: MessageClass | None) -> str:
         """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message
         that it names.
         """
-        said = self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header)
+        phrase = self.filled(
+            REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header
+        )
         data = data_in_words(body)
         if isinstance(header, headers.Send):
             watch = self.filled(_WATCH, header.watch) if header.watch is not None else ""
-            return f"{'wants' if header.when_killed else 'sends'} {message_class} {header.message}{data}{said}{watch}"
-        return said + data
+            return f"{'wants' if header.when_killed else 'sends'} {message_class} {header.message}{data}{phrase}{watch}"
+        return phrase + data
 
 
 def data_in_words(body: bytes) -> str:

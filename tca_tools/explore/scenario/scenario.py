@@ -66,13 +66,13 @@ class ScenarioModule:
         self.may_leave, self.arrives_late = may_leave, arrives_late
         self.handlers: dict[str, Program] = {}  #: by message name
         self.formats: list[HandlerFormat] = []  #: the declarations of its handlers
-        self.story: Program | None = None  #: the module's own program
+        self.own_program: Program | None = None  #: the module's own program
         self._capacities = {name: capacity}
         self._required = list(requires)
         self._wait = Program(
             f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None
         )
-        self._first: list[Program] = []
+        self._start_programs: list[Program] = []
 
     def __getattr__(self, name: str) -> NoReturn:
         if name in _NOT_EXPLORED:
@@ -124,24 +124,24 @@ class ScenarioModule:
         """Declare the decorated function as what this module does by itself, outside of any
         task.
         """
-        if self.story is not None:
+        if self.own_program is not None:
             raise ScenarioError(
                 f"module '{self.name}' does something already: make it one function, or two modules"
             )
-        self.story = Program(self.name, function, None)
+        self.own_program = Program(self.name, function, None)
         return function
 
     def at_start(self, function: Function) -> Function:
         """Declare the decorated function as what this module does once it has joined, before it
         handles anything.
         """
-        self._first.append(Program(f"at_start in {self.name}", function, None))
+        self._start_programs.append(Program(f"at_start in {self.name}", function, None))
         return function
 
     @property
-    def first(self) -> list[Program]:
+    def start_programs(self) -> list[Program]:
         """The programs that run before it handles anything."""
-        return [*([self._wait] if self._awaited() else []), *self._first]
+        return [*([self._wait] if self._awaited() else []), *self._start_programs]
 
     def _awaited(self) -> list[Message[Any, Any]]:
         return [message for message in self._required if message.name not in self.handlers]
@@ -215,7 +215,7 @@ class Scenario:
         self.is_observed = True
 
     @property
-    def has_messages_ahead(self) -> bool:
+    def has_prefetch(self) -> bool:
         """Whether a module may have messages ahead: then states differ in what scripts have lived,
         too.
         """
@@ -233,7 +233,7 @@ class Scenario:
         check("may_suspend()", checks.AMOUNT, times=times)
         self.may_be_suspended[_task(message, "may_suspend").name] = times
 
-    def rivals(self) -> dict[str, int]:
+    def queue_groups(self) -> dict[str, int]:
         """By message: a number that those share which may wait for the same resource."""
         groups = {name: number for number, name in enumerate(self.messages())}
         for module in self.modules.values():

@@ -35,12 +35,12 @@ from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.argument_checks import as_scenario_error
 from tca_tools.explore.scenario.script_connection import (
     CHOOSE,
-    MOST_DECISIONS,
+    MAX_DECISIONS,
     DecisionReached,
     ScriptConnection,
     StepReached,
 )
-from tca_tools.explore.scenario.worker_thread import leave_behind
+from tca_tools.explore.scenario.worker_thread import abandon_thread
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
@@ -50,12 +50,12 @@ from tca_wire.vocabulary import Refusal
 
 T = TypeVar("T")
 
-_OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+_RUNTIME_ERRORS = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's
 author.
 """
 
-_BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
+_CHANCE_REFUSALS = (Refusal.TOO_LATE, Refusal.UNKNOWN)
 """Refusals because of something that happened meanwhile: a lost module takes its resources along.
 (That a scenario has no such resource at all is found out when it is asked for: see Exchange.)
 """
@@ -85,7 +85,7 @@ class _Choices:
         """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they
         have begun. *words* say how.
         """
-        self._explored.do(steps.UseKept(message.name, words))
+        self._explored.do(steps.UseKeptReplies(message.name, words))
 
 
 class Script(_Choices, Sender):
@@ -103,7 +103,7 @@ class Task(_Choices, ModuleTask):
     """The task of a handler: the module library's Task, and choices."""
 
     def __init__(
-        self, link: ScriptConnection, given: steps.Given, message: Message[Any, Any]
+        self, link: ScriptConnection, given: steps.HandlerInput, message: Message[Any, Any]
     ) -> None:
         delivery = headers.Deliver(
             steps.HERE, message.name, steps.OWN if given.is_task else ROOT, given.context
@@ -127,7 +127,7 @@ class Task(_Choices, ModuleTask):
         """The next request of a client, each once; None after *timeout* seconds."""
         served = self._served()
         if not served.has_new:
-            self._explored.wait_for_wish(timeout, f"a request to {self}")
+            self._explored.wait_for_client(timeout, f"a request to {self}")
         return served.take_new()
 
 
@@ -143,49 +143,49 @@ class Program:
         self._arguments = _number_of_arguments(
             name, function, "(task, data)" if message else "(me)"
         )
-        self._beginnings: dict[steps.Given, steps.ScriptRun] = {}
+        self._starts: dict[steps.HandlerInput, steps.ScriptRun] = {}
         self._numbers = count()
 
-    def beginning(self, given: steps.Given) -> steps.ScriptRun:
-        """The life of a script that was given this and has got nothing yet."""
-        if given not in self._beginnings:
-            self._beginnings[given] = steps.ScriptRun(given, next(self._numbers))
-        return self._beginnings[given]
+    def start(self, given: steps.HandlerInput) -> steps.ScriptRun:
+        """The script_run of a script that was given this and has got nothing yet."""
+        if given not in self._starts:
+            self._starts[given] = steps.ScriptRun(given, next(self._numbers))
+        return self._starts[given]
 
-    def live(self, life: steps.ScriptRun, *got: steps.Got) -> steps.ScriptRun:
-        """That life, and what it got then."""
+    def extend(self, script_run: steps.ScriptRun, *got: steps.StepResult) -> steps.ScriptRun:
+        """That script_run, and what it got then."""
         for one in got:
-            life = life.then(one, next(self._numbers))
-        return life
+            script_run = script_run.extended(one, next(self._numbers))
+        return script_run
 
-    def branches(self, life: steps.ScriptRun) -> tuple[steps.Branch, ...]:
-        """The ways in which a script that has this life may go on. Raises ScenarioError."""
-        if life.branches is None:
-            life.branches = tuple(self._explore(life.given, life.history(), ()))
-        return life.branches
+    def branches(self, script_run: steps.ScriptRun) -> tuple[steps.Branch, ...]:
+        """The ways in which a script that has this script_run may go on. Raises ScenarioError."""
+        if script_run.branches is None:
+            script_run.branches = tuple(self._explore(script_run.given, script_run.history(), ()))
+        return script_run.branches
 
-    def place(self, life: steps.ScriptRun, branch: steps.Branch) -> str:
+    def place(self, script_run: steps.ScriptRun, branch: steps.Branch) -> str:
         """Where in the script a branch comes to its step."""
-        link = ScriptConnection(life.history() + branch.decisions, self._leave_behind)
+        link = ScriptConnection(script_run.history() + branch.decisions, self._abandon_thread)
         with suppress(Exception, StepReached):
-            self._called(link, life.given)
+            self._call(link, script_run.given)
         return self._where(link.stopped)
 
     def _explore(
-        self, given: steps.Given, history: steps.History, decisions: steps.History
+        self, given: steps.HandlerInput, history: steps.History, decisions: steps.History
     ) -> Iterable[steps.Branch]:
-        if len(decisions) > MOST_DECISIONS:
-            text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
+        if len(decisions) > MAX_DECISIONS:
+            text = f"{self.name} decides {MAX_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
         try:
-            step = self._run(ScriptConnection(history + decisions, self._leave_behind), given)
+            step = self._run(ScriptConnection(history + decisions, self._abandon_thread), given)
         except DecisionReached as fork:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
             yield steps.Branch(decisions, step)
 
-    def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
+    def _abandon_thread(self, error: ScenarioError | None) -> NoReturn:
         """The script catches what is to end a run of it, and goes on."""
         text = (
             "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
@@ -193,12 +193,12 @@ class Program:
         )
         if error is not None:
             text = f"{error}; it catches this, and goes on for ever"
-        leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
+        abandon_thread(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
 
-    def _run(self, link: ScriptConnection, given: steps.Given) -> steps.Step:
+    def _run(self, link: ScriptConnection, given: steps.HandlerInput) -> steps.Step:
         """Run to the first step that is not past."""
         try:
-            step = self._called(link, given) or _end(*link.owed())
+            step = self._call(link, given) or _end_step(*link.owed())
         except (StepReached, DecisionReached):
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
@@ -211,7 +211,7 @@ class Program:
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
 
-    def _called(self, link: ScriptConnection, given: steps.Given) -> steps.Step | None:
+    def _call(self, link: ScriptConnection, given: steps.HandlerInput) -> steps.Step | None:
         """Call the function; how it ended. None: it owes its reply."""
         message = self.message
         if message is None:
@@ -226,24 +226,26 @@ class Program:
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
             link.settle()
-            return self._end_of(script, result)
+            return self._result_step(script, result)
         except (FailureRaised, Reissued) as error:
-            return _end(*failed(steps.HERE, error))
-        except _OF_THE_WORLD as error:
+            return _end_step(*failed(steps.HERE, error))
+        except _RUNTIME_ERRORS as error:
             was_killed = isinstance(error, TaskKilled | Stopped)
-            return replace(_end(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed)
+            return replace(
+                _end_step(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed
+            )
         except Refused as error:
-            if error.refusal not in _BY_CHANCE:
+            if error.refusal not in _CHANCE_REFUSALS:
                 raise
             return steps.Fail(HANDLER_ERROR, str(error))
 
-    def _end_of(self, script: Task | Script, result: Any) -> steps.Return | None:
+    def _result_step(self, script: Task | Script, result: Any) -> steps.Return | None:
         if isinstance(script, Task) and script.later is not None:
             if result is not script.later:
                 raise ScenarioError("it called reply_later(): return what that gave")
             script.returned()
             result.returned()
-            script._explored.left = ref(result)  # noqa: SLF001
+            script._explored.returned_reply = ref(result)  # noqa: SLF001
             return None
         return steps.Return(self.message.encode_reply(result) if self.message else b"")
 
@@ -257,7 +259,7 @@ class Program:
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
-def _end(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
+def _end_step(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
     """The end of a handler as a step."""
     if isinstance(header, headers.Reply):
         return steps.Return(body)

@@ -30,14 +30,14 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
-"""The decisions of a script without central: kinds of a Got."""
+"""The decisions of a script without central: kinds of a StepResult."""
 
-MOST_CAUGHT = 10_000
+MAX_CAUGHT = 10_000
 """How often a script may go on after a run of it was ended: more often only one does that catches
 this and all else.
 """
 
-MOST_DECISIONS = 100
+MAX_DECISIONS = 100
 """Between two steps; a script that decides more often never takes one."""
 
 _NOT_EXPLORED = {
@@ -64,7 +64,7 @@ class StepReached(BaseException):
 class DecisionReached(BaseException):
     """The script got to a decision that has not been made yet."""
 
-    def __init__(self, decisions: Iterable[steps.Got]) -> None:
+    def __init__(self, decisions: Iterable[steps.StepResult]) -> None:
         super().__init__()
         self.decisions = tuple(decisions)
 
@@ -90,7 +90,7 @@ class ScriptRequest:
         self._link.refuse("query_notify()")
 
 
-class WishesOfClients:
+class ClientRequests:
     """What clients want of the task that a script handles: each is read with a step of its own."""
 
     def __init__(self, link: "ScriptConnection") -> None:
@@ -99,14 +99,14 @@ class WishesOfClients:
 
     def __bool__(self) -> bool:
         if not self._read:
-            self.look(steps.ReadWish())
+            self.read(steps.ReadClientRequest())
         return bool(self._read)
 
     def popleft(self) -> tuple[Requested, bytes]:
         """The next one."""
         return self._read.popleft()
 
-    def look(self, step: steps.ReadWish) -> steps.Got:
+    def read(self, step: steps.ReadClientRequest) -> steps.StepResult:
         """Read the next one that is there, or comes."""
         got = self._link.do(step)
         if got.words:
@@ -118,7 +118,7 @@ class ScriptDelivery:
     """The delivery that a script handles, as the library knows it."""
 
     def __init__(self, link: "ScriptConnection") -> None:
-        self.requested = WishesOfClients(link)
+        self.requested = ClientRequests(link)
         self.on_request: list[Callable[[], None]] = []
         self.is_killed = self.is_cancelled = link.is_cancelled
         self._state: Any = None
@@ -150,9 +150,9 @@ class ScriptConnection:
         self.is_inherited = False  #: no script forks
         self.log = SimpleNamespace(error=lambda *_: None)  #: each run would say it
         self.kept: Any = None  #: the LaterReply that is kept, and its use
-        self.left: Callable[[], object] = lambda: None  #: the one that was returned
-        self._news: deque[Callable[[], None]] = deque()
-        self.call_soon = self._news.append  #: a function, for ``hear_threads``
+        self.returned_reply: Callable[[], object] = lambda: None  #: the one that was returned
+        self._callbacks: deque[Callable[[], None]] = deque()
+        self.call_soon = self._callbacks.append  #: a function, for ``hear_threads``
         self._owed: Any = None  #: the reply that was left to others
         self.stopped: StepReached | DecisionReached | None = (
             None  #: where the run ended, or shall end
@@ -161,8 +161,8 @@ class ScriptConnection:
         self._on_caught = on_caught  #: called if the script never lets it end
         self._sends = TaskSends()
         self._history = history
-        self._at = 0
-        self._is_told = False  #: that its task was killed, or its module ends
+        self._position = 0
+        self._is_cancelled = False  #: that its task was killed, or its module ends
         self._requests = 0
         self._caught = 0  #: how often the script went on after its end
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
@@ -182,38 +182,39 @@ class ScriptConnection:
 
     # --- the run ----------------------------------------------------------------------------------
 
-    def do(self, step: steps.Step) -> steps.Got:
+    def do(self, step: steps.Step) -> steps.StepResult:
         """Take a step: what it got, or the end of this run."""
         self.hear_threads()
-        if self._at < len(self._history):
-            return self._past(step.kind)
+        if self._position < len(self._history):
+            return self._recorded(step.kind)
         if self.stopped is None:
             self.stopped = StepReached(step)
-        raise self._over()
+        raise self._end_of_run()
 
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
         """Which of these: each is explored."""
-        if self._at < len(self._history):
-            got = self._past(kind)
+        if self._position < len(self._history):
+            got = self._recorded(kind)
             if got.choice >= len(alternatives) or alternatives[got.choice] != got.words:
                 self._refuse_change()
             return got.choice
         if self.stopped is None:
             self.stopped = DecisionReached(
-                steps.Got(kind, choice=i, words=words) for i, words in enumerate(alternatives)
+                steps.StepResult(kind, choice=i, words=words)
+                for i, words in enumerate(alternatives)
             )
-        raise self._over()
+        raise self._end_of_run()
 
     def hang(self) -> NoReturn:
         """Never go on."""
         self.do(steps.Hang())
         raise AssertionError
 
-    def _past(self, kind: str) -> steps.Got:
-        got = self._history[self._at]
+    def _recorded(self, kind: str) -> steps.StepResult:
+        got = self._history[self._position]
         if got.kind != kind:
             self._refuse_change()
-        self._at += 1
+        self._position += 1
         return got
 
     def _refuse_change(self) -> NoReturn:
@@ -229,7 +230,7 @@ class ScriptConnection:
         self._check_caught()
         raise error
 
-    def _over(self) -> StepReached | DecisionReached:
+    def _end_of_run(self) -> StepReached | DecisionReached:
         """The result that ends this run: once more, where code that cleans up goes on."""
         assert self.stopped is not None
         self._check_caught()
@@ -237,7 +238,7 @@ class ScriptConnection:
 
     def _check_caught(self) -> None:
         self._caught += 1
-        if self._caught > MOST_CAUGHT and self._on_caught is not None:
+        if self._caught > MAX_CAUGHT and self._on_caught is not None:
             self._on_caught(self.error)
 
     # --- calls of the module library: see tca_module/link/connection.py -----------------------
@@ -262,13 +263,13 @@ class ScriptConnection:
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> None:
         """Change the state of a task; central's word is there at once."""
-        _checked(self.do(self._ask(header, body)), what)
+        _accepted_result(self.do(self._ask(header, body)), what)
 
-    def wait_for_wish(self, seconds: float | None, what: str) -> None:
+    def wait_for_client(self, seconds: float | None, what: str) -> None:
         """Wait for what a client wants of the task."""
-        got = self.delivery.requested.look(steps.ReadWish(waits=True, seconds=seconds))
+        got = self.delivery.requested.read(steps.ReadClientRequest(waits=True, seconds=seconds))
         if got.is_woken:
-            self._be_woken(got, what)
+            self._raise_woken(got, what)
 
     # --- replies that are owed: see tca_module/sending/later_reply.py -----------------------------
 
@@ -279,8 +280,8 @@ class ScriptConnection:
         """Do what was asked for with ``call_soon``: before the next step; never, if this run has
         ended.
         """
-        while self._news:
-            self._news.popleft()()
+        while self._callbacks:
+            self._callbacks.popleft()()
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """The reply that is owed is given."""
@@ -295,20 +296,20 @@ class ScriptConnection:
         look for at any time: both are refused.
         """
         self.hear_threads()
-        if self._owed is None and self.kept is None and self.left() is not None:
+        if self._owed is None and self.kept is None and self.returned_reply() is not None:
             self.refuse("a LaterReply kept by other means than keep_reply()")
         if self._owed is None:
             self._use(*(self.kept or self.hang()))
         return self._owed or self.owed()
 
     def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
-        self.kept, got = None, self.do(steps.Owe())
+        self.kept, got = None, self.do(steps.OweReply())
         later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
         """Have central do something."""
         del within
-        return _checked(self.do(self._ask(header, body)), what).id
+        return _accepted_result(self.do(self._ask(header, body)), what).id
 
     def send_task(self, header: Any, body: bytes, what: str) -> TaskId:
         """Send a task; central's word is there at once, and an error is raised as soon as the
@@ -339,7 +340,7 @@ class ScriptConnection:
 
     def post(self, header: Any, body: bytes) -> None:
         """Say something that has no answer."""
-        self.do(self._ask(header, body, is_told=True))
+        self.do(self._ask(header, body, is_one_way=True))
 
     def request(
         self,
@@ -371,10 +372,10 @@ class ScriptConnection:
         if is_over is not None and seconds is not None:
             self.refuse("multi_query(timeout=...)")
         while not (request.is_over or (is_over is not None and is_over())):
-            got = self.do(steps.Await(request.place, seconds))
+            got = self.do(steps.AwaitAnswer(request.place, seconds))
             if got.is_woken:
-                self._be_woken(got, what, request)
-            if _checked(got, what).is_late:
+                self._raise_woken(got, what, request)
+            if _accepted_result(got, what).is_late:
                 return False
             request.is_over = got.is_over
             if got.answer is None:
@@ -385,10 +386,10 @@ class ScriptConnection:
 
     answered = Connection.answered
 
-    def _be_woken(
-        self, got: steps.Got, what: str, request: ScriptRequest | None = None
+    def _raise_woken(
+        self, got: steps.StepResult, what: str, request: ScriptRequest | None = None
     ) -> NoReturn:
-        self._is_told = True
+        self._is_cancelled = True
         if request is not None:
             if got.answer is None and got.refusal is None:
                 self.abandon(request)
@@ -398,13 +399,13 @@ class ScriptConnection:
 
     def mark_told(self) -> None:
         """The script gets an error, and knows by that of its kill."""
-        self.do(steps.Know())
+        self.do(steps.NoticeKill())
 
     def abandon(self, request: ScriptRequest) -> None:
         """Want no answer any more."""
         if not request.is_over:
             request.is_over = True
-            self.do(steps.GiveUp(request.place))
+            self.do(steps.Abandon(request.place))
 
     def give_up(self, request: ScriptRequest) -> str:
         """As *abandon*; the reason is not told here: such words differ from run to run."""
@@ -417,7 +418,7 @@ class ScriptConnection:
     def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
         """Want no longer the lock that a request has got; whether it was had until now."""
         del what, at_once
-        request.taken = self.do(steps.GiveUp(request.place)).text
+        request.taken = self.do(steps.Abandon(request.place)).text
         return not request.taken
 
     def is_cancelled(self, delivery: int) -> bool:
@@ -425,10 +426,10 @@ class ScriptConnection:
         so.
         """
         del delivery
-        self._is_told = self._is_told or bool(
+        self._is_cancelled = self._is_cancelled or bool(
             self.decide(CANCELLED, ("not cancelled", "cancelled"))
         )
-        return self._is_told
+        return self._is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the script has been told that its task is suspended."""
@@ -446,14 +447,14 @@ class ScriptConnection:
         return 0.0
 
     def _ask(
-        self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False
+        self, header: Any, body: bytes, *, wants_answer: bool = False, is_one_way: bool = False
     ) -> steps.Ask:
         self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
-        return steps.Ask(header, body, declares, wants_answer, is_told)
+        return steps.Ask(header, body, declares, wants_answer, is_one_way)
 
 
-def _checked(got: steps.Got, what: object) -> steps.Got:
+def _accepted_result(got: steps.StepResult, what: object) -> steps.StepResult:
     if got.refusal is not None:
         raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(
             str(what), got.refusal, got.text

@@ -1,4 +1,4 @@
-"""The next steps of a script, and the answers that it got to earlier ones: its life.
+"""The next steps of a script, and the answers that it got to earlier ones: its run.
 
 Tasks are named by their place in the script, not by central's ids, so that what a script does next
 depends on nothing but its data and what it got: ``OWN`` is the task that it handles, ``known(0)``
@@ -51,7 +51,7 @@ class Ask(_Step, frozen=True):
     declares: tuple[Message[Any, Any], ...] = ()
     wants_answer: bool = False
     """The answer is awaited by itself: central's word that it was taken is not."""
-    is_told: bool = False
+    is_one_way: bool = False
     """Nothing comes back at all."""
 
     @property
@@ -62,7 +62,7 @@ class Ask(_Step, frozen=True):
         )
 
 
-class Await(_Step, frozen=True):
+class AwaitAnswer(_Step, frozen=True):
     """Wait for an answer to the request that was made as number *request*, for so many seconds if
     not for ever.
     """
@@ -71,7 +71,7 @@ class Await(_Step, frozen=True):
     seconds: float | None = None
 
 
-class ReadWish(_Step, frozen=True):
+class ReadClientRequest(_Step, frozen=True):
     """Read the next thing that a client wants of the script's task, if there is one; or wait for
     it, so many seconds if not for ever.
     """
@@ -80,13 +80,13 @@ class ReadWish(_Step, frozen=True):
     seconds: float | None = None
 
 
-class GiveUp(_Step, frozen=True):
+class Abandon(_Step, frozen=True):
     """Want no answer to that request any more."""
 
     request: int
 
 
-class Know(_Step, frozen=True):
+class NoticeKill(_Step, frozen=True):
     """See by an error that one's task was killed, if it was."""
 
 
@@ -112,23 +112,34 @@ class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
-class Owe(_Step, frozen=True):
+class OweReply(_Step, frozen=True):
     """The handler has returned, and its module keeps the reply that it owes until another script
     speaks of that.
     """
 
 
-class UseKept(_Step, frozen=True):
+class UseKeptReplies(_Step, frozen=True):
     """Use the replies to *message* that the module keeps, or will: of handlers that have begun."""
 
     message: str
     words: str
 
 
-Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang | Owe | UseKept
+Step = (
+    Ask
+    | AwaitAnswer
+    | ReadClientRequest
+    | Abandon
+    | NoticeKill
+    | Return
+    | Fail
+    | Hang
+    | OweReply
+    | UseKeptReplies
+)
 
 
-class Got(msgspec.Struct, frozen=True):
+class StepResult(msgspec.Struct, frozen=True):
     """The result of a step of that kind, or the script's decision (*kind* "choose", ...:
     *choice*).
     """
@@ -169,10 +180,10 @@ class Got(msgspec.Struct, frozen=True):
         return self.answer.outcome if self.answer is not None else Outcome.DONE
 
 
-History = tuple[Got, ...]
+History = tuple[StepResult, ...]
 
 
-class Given(msgspec.Struct, frozen=True):
+class HandlerInput(msgspec.Struct, frozen=True):
     """The input of a handler."""
 
     body: bytes
@@ -188,26 +199,26 @@ class ScriptRun:
     same object, so that one more thing costs the same after however many.
     """
 
-    given: Given
-    number: int  #: no other life of the program has it
+    given: HandlerInput
+    number: int  #: no other run of the program has it
     before: "ScriptRun | None" = None
-    got: Got | None = None
+    got: StepResult | None = None
     branches: "tuple[Branch, ...] | None" = None  #: how it may go on, once that was asked
-    _after: "dict[Got, ScriptRun]" = field(default_factory=dict)
+    _after: "dict[StepResult, ScriptRun]" = field(default_factory=dict)
 
-    def then(self, got: Got, number: int) -> "ScriptRun":
-        """This life and one more thing; *number* is for one that was not lived before."""
+    def extended(self, got: StepResult, number: int) -> "ScriptRun":
+        """This run and one more thing; *number* is for one that was not lived before."""
         if got not in self._after:
             self._after[got] = ScriptRun(self.given, number, self, got)
         return self._after[got]
 
     def history(self) -> History:
         """All that it has got, oldest first."""
-        found: list[Got] = []
-        life: ScriptRun | None = self
-        while life is not None and life.got is not None:
-            found.append(life.got)
-            life = life.before
+        found: list[StepResult] = []
+        run: ScriptRun | None = self
+        while run is not None and run.got is not None:
+            found.append(run.got)
+            run = run.before
         return tuple(reversed(found))
 
 

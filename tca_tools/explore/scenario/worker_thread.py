@@ -10,25 +10,25 @@ from typing import Any, NoReturn, TypeVar
 T = TypeVar("T")
 
 
-class _Here(threading.local):
+class _ThreadState(threading.local):
     future: "Future[Any] | None" = None  #: of the work that this thread does
-    is_unwanted: threading.Event
+    is_abandoned: threading.Event
 
 
-_here = _Here()
+_state = _ThreadState()
 
 
-class _Unwanted(BaseException):
+class _Abandoned(BaseException):
     """Nobody waits for the work any more."""
 
 
 def in_worker_thread(work: Callable[[], T]) -> T:
     """The result of *work*, which is returned or raised."""
     future: Future[T] = Future()
-    is_unwanted = threading.Event()
+    is_abandoned = threading.Event()
 
     def run() -> None:
-        _here.future, _here.is_unwanted = future, is_unwanted
+        _state.future, _state.is_abandoned = future, is_abandoned
         try:
             future.set_result(work())
         except BaseException as error:  # noqa: BLE001 - it is raised where somebody waits
@@ -38,19 +38,19 @@ def in_worker_thread(work: Callable[[], T]) -> T:
     try:
         return future.result()
     finally:
-        is_unwanted.set()  # Ctrl-C ends the wait
+        is_abandoned.set()  # Ctrl-C ends the wait
 
 
-def check_wanted() -> None:
+def check_not_abandoned() -> None:
     """Ends the work of this thread if nobody waits for it."""
-    if _here.future is not None and _here.is_unwanted.is_set():
-        raise _Unwanted
+    if _state.future is not None and _state.is_abandoned.is_set():
+        raise _Abandoned
 
 
-def leave_behind(error: BaseException) -> NoReturn:
+def abandon_thread(error: BaseException) -> NoReturn:
     """End the work with an error, and let this thread sleep for ever."""
-    if _here.future is None:
+    if _state.future is None:
         raise error
-    _here.future.set_exception(error)
+    _state.future.set_exception(error)
     while True:
         threading.Event().wait()

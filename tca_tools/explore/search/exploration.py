@@ -12,15 +12,15 @@ from tca_central.core import Central
 from tca_central.loading import is_compiled
 from tca_module import checks
 from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
-from tca_tools.explore.observed.world import World, breach_in_words
-from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
+from tca_tools.explore.observed.world import World, describe_breach
+from tca_tools.explore.play.play import Action, Play, Waiter, outcome, still_waiting, waiters
 from tca_tools.explore.play.words import unfinished
 from tca_tools.explore.scenario.argument_checks import check as check_argument
 from tca_tools.explore.scenario.scenario import Scenario, checked_properties
-from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
-from tca_tools.explore.search import circles
+from tca_tools.explore.scenario.worker_thread import check_not_abandoned, in_worker_thread
+from tca_tools.explore.search import cycles
 from tca_tools.explore.search.branching import Branching
-from tca_tools.explore.search.fingerprint import Detail, recognised
+from tca_tools.explore.search.fingerprint import Detail, fingerprint_of
 from tca_tools.explore.search.snapshot import Snapshots
 from tca_tools.explore.search.states import Result, SearchState, Violation, Way, replayed
 from tca_tools.properties.algebra import NeverStuck, Property, words_of
@@ -29,17 +29,17 @@ from tca_wire.text.nearest import nearest_or_all
 LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
 
-KEPT_BYTES = 256 << 20
+SNAPSHOT_BYTES = 256 << 20
 """How much the snapshots of states yet to be left may hold; what has none is played again from the
 start.
 """
 
-KEPT_PLAYS = 500
+MAX_PLAYS = 500
 """How many states keep their play itself: going on from it costs no copy, but it takes ten times
 the room.
 """
 
-WATCHED_EVERY = 32
+STATES_PER_WATCH = 32
 """States that are gone on from between one call of *watch* and the next."""
 
 Watch = Callable[[int, int], None] | None
@@ -76,11 +76,11 @@ def explore(
         exploration = _Exploration(scenario, judged, limit, detail, watch, check)
         try:
             return in_worker_thread(exploration.run)
-        except _MoreDetail as more:
+        except _DetailNeeded as more:
             detail = more.detail
 
 
-class _MoreDetail(BaseException):
+class _DetailNeeded(BaseException):
     """States must be told apart by more."""
 
     def __init__(self, detail: Detail) -> None:
@@ -107,32 +107,34 @@ class _Exploration:
         self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
-        self.used = set(
+        self.used_messages = set(
             self.scenario.messages()
-        )  #: the messages that are handled, or were used so far
+        )  #: the messages that are handled, or were used_messages so far
         self.without_case = set(
             range(len(self.properties))
         )  #: the properties of which there was nothing to judge yet
 
     def run(self) -> Result:
-        """All states, nearest first; then the circles, if there are any."""
-        violation = self._arrive(None, None, Play(self.scenario))
+        """All states, nearest first; then the cycles, if there are any."""
+        violation = self._reach(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
-            violation = self._leave(self.frontier.popleft())
+            violation = self._expand(self.frontier.popleft())
             left = len(self.known) - len(self.frontier)
-            if self.watch is not None and not left % WATCHED_EVERY:
+            if self.watch is not None and not left % STATES_PER_WATCH:
                 self.watch(len(self.known), len(self.frontier))
         is_complete = not self.frontier and violation is None
         states = list(self.known.values())
-        longest = _longest_way(states) if is_complete else None
+        longest = _longest_run(states) if is_complete else None
         if is_complete and longest is None:
-            violation = self._go_round(states)
+            violation = self._judge_cycles(states)
         if is_complete:
-            _check_message_names(self.scenario, self.properties, self.used)
+            _check_message_names(self.scenario, self.properties, self.used_messages)
         vacuous = (
             [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         )
-        said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
+        vacuous_properties = tuple(
+            f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous
+        )
         return Result(
             self.scenario,
             len(self.known),
@@ -141,35 +143,35 @@ class _Exploration:
             longest,
             is_complete,
             violation,
-            said_nothing,
+            vacuous_properties,
             {key: state.actions() for key, state in self.outcomes.items()},
             self.branching.most(),
         )
 
-    def _go_round(self, states: list[SearchState]) -> Violation | None:
+    def _judge_cycles(self, states: list[SearchState]) -> Violation | None:
         """Some runs go on for ever: judge what never happens in them."""
         if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
             return None
         if not self.detail.names:
-            raise _MoreDetail(msgspec.structs.replace(self.detail, names=True))
-        return circles.judge(self.scenario, self.properties, states)
+            raise _DetailNeeded(msgspec.structs.replace(self.detail, names=True))
+        return cycles.judge(self.scenario, self.properties, states)
 
-    def _leave(self, state: SearchState) -> Violation | None:
+    def _expand(self, state: SearchState) -> Violation | None:
         """Take every action that is possible in a state."""
-        check_wanted()
+        check_not_abandoned()
         play = self.plays.pop(state, None) or self._play_of(state)
         actions = play.actions()
         self.branching.add(play, actions)
         if all(action.is_optional for action in actions):
             self.ends += 1
-            if self.scenario.has_messages_ahead:
+            if self.scenario.has_prefetch:
                 self.outcomes.setdefault(outcome(play), state)
-            if violation := self._end(state, play):
+            if violation := self._judge_end(state, play):
                 return violation
         if len(actions) > 1:
             self._save(state, play)
         for action in actions:
-            violation = self._take(
+            violation = self._perform(
                 state, action, play if action is actions[-1] else self._play_of(state)
             )
             if violation is not None:
@@ -186,21 +188,21 @@ class _Exploration:
             else replayed(self.scenario, state)
         )
 
-    def _take(self, state: SearchState, action: Action, play: Play) -> Violation | None:
+    def _perform(self, state: SearchState, action: Action, play: Play) -> Violation | None:
         self.steps += 1
-        waited = waiting(play) if self.detail.names else []
+        waited = waiters(play) if self.detail.names else []
         try:
             play.perform(action)
         except CentralFault as fault:
             return Violation("central handles everything", str(fault), (*state.actions(), action))
-        return self._arrive(state, action, play, waited)
+        return self._reach(state, action, play, waited)
 
-    def _arrive(
+    def _reach(
         self,
         before: SearchState | None,
         action: Action | None,
         play: Play,
-        waited: Sequence[Waiting] = (),
+        waited: Sequence[Waiter] = (),
     ) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
         state = SearchState(
@@ -210,10 +212,10 @@ class _Exploration:
             return Violation("what central promises", play.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
             return violation
-        key, state.order = recognised(play, state.memories, self.detail)
+        key, state.order = fingerprint_of(play, state.memories, self.detail)
         known = self.known.get(key)
         if before is not None and action is not None:
-            still = carried(waited, play) if self.detail.names else ()
+            still = still_waiting(waited, play) if self.detail.names else ()
             before.ways.append(Way(action, known or state, still))
         if known is not None:
             return None
@@ -222,24 +224,24 @@ class _Exploration:
                 self.check(play.central)
             except AssertionError as error:
                 return Violation("central's own invariants", str(error), state.actions())
-        self.used.update(play.central.registry.messages)
+        self.used_messages.update(play.central.registry.messages)
         self.known[key] = state
         self.frontier.append(state)
-        if len(self.plays) < KEPT_PLAYS:
+        if len(self.plays) < MAX_PLAYS:
             self.plays[state] = play
         else:
             self._save(state, play)
         return None
 
     def _save(self, state: SearchState, play: Play) -> None:
-        if state.snapshot is None and self.saved < KEPT_BYTES:
+        if state.snapshot is None and self.saved < SNAPSHOT_BYTES:
             state.snapshot = self.snapshots.save(play)
             self.saved += len(state.snapshot)
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
         """The first violation of a property in a state; stores the memories of the properties."""
         places = {message: place for place, message in enumerate(order)}
-        world = World(play.world, places, play.taken, self._look_at_time)
+        world = World(play.world, places, play.taken, self._require_time)
         memories = []
         for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:
@@ -253,19 +255,19 @@ class _Exploration:
                     f"property '{one}' can't be asked: {type(error).__name__}: {error}"
                 ) from error
             if breach:
-                return Violation(str(one), breach_in_words(breach), state.actions())
+                return Violation(str(one), describe_breach(breach), state.actions())
             memories.append(remembered)
         state.memories = tuple(memories)
         return None
 
-    def _look_at_time(self) -> None:
+    def _require_time(self) -> None:
         """A property looks at how long the run has lasted: that is part of the state then, from the
         beginning.
         """
         if not self.detail.time:
-            raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
+            raise _DetailNeeded(msgspec.structs.replace(self.detail, time=True))
 
-    def _end(self, state: SearchState, play: Play) -> Violation | None:
+    def _judge_end(self, state: SearchState, play: Play) -> Violation | None:
         """A run may end here."""
         left = "".join(f"\n{line}" for line in unfinished(play))
         for one, memory in zip(self.properties, state.memories, strict=True):
@@ -273,7 +275,7 @@ class _Exploration:
             if isinstance(one, NeverStuck) and left:
                 breach = f"and this is left:{left}"
             elif one.is_owed(memory):
-                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
+                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used_messages))
                 breach = f"and it never did{left}"
             if breach:
                 return Violation(
@@ -282,8 +284,8 @@ class _Exploration:
         return None
 
 
-def _longest_way(states: list[SearchState]) -> int | None:
-    """The most actions from the first state to any; None if there is a way round in a circle."""
+def _longest_run(states: list[SearchState]) -> int | None:
+    """The most actions from the first state to any; None if there is a way round in a cycle."""
     ways_in = Counter(id(way.to) for state in states for way in state.ways)
     length = dict.fromkeys(map(id, states), 0)
     ready = states[:1]
@@ -311,30 +313,32 @@ def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> N
 
 
 def _check_message_names(
-    scenario: Scenario, properties: Iterable[Property], used: Collection[str]
+    scenario: Scenario, properties: Iterable[Property], used_messages: Collection[str]
 ) -> None:
     """Raise ScenarioError for the name of a message that is not among all that are handled or
-    *used*.
+    *used_messages*.
     """
     others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
     missing = [
-        f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)
+        f"property '{one}': {words}"
+        for one in properties
+        for words in _unknown_names(one, used_messages)
     ]
     missing += [
-        f"{call}: {_missing(name, used)}"
+        f"{call}: {_missing(name, used_messages)}"
         for call, names in others
         for name in names
-        if name not in used
+        if name not in used_messages
     ]
     if missing:
         raise ScenarioError(f"it can't be judged: {missing[0]}")
 
 
-def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
+def _unknown_names(one: Property, used_messages: Collection[str]) -> Iterator[str]:
     """The unknown names of messages in a property, as errors in words."""
     names = dict.fromkeys(named.message for named in one.named if named.message)
-    return (_missing(name, used) for name in names if name not in used)
+    return (_missing(name, used_messages) for name in names if name not in used_messages)
 
 
-def _missing(name: str, used: Collection[str]) -> str:
-    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest_or_all(name, used)}"
+def _missing(name: str, used_messages: Collection[str]) -> str:
+    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest_or_all(name, used_messages)}"

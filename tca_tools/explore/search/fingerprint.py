@@ -108,13 +108,13 @@ class Detail(msgspec.Struct, frozen=True):
     """
 
 
-def recognised(
+def fingerprint_of(
     play: Play, memories: Iterable[int], detail: Detail
 ) -> tuple[bytes, tuple[int, ...]]:
     """The fingerprint, a digest that differs from those of other states; and the messages under way
     in an order that is that of all equal states. *memories* are what properties remember.
     """
-    walk = _Walk(play.rivals, play.now)
+    walk = _Walk(play.queue_groups, play.now)
     central = play.central
     for name, siblings in _by_name(
         central.tree.top_of_module
@@ -125,7 +125,7 @@ def recognised(
     walk.finish()
     _add_modules(walk, play, detail)
     _add_outcomes(walk, play)
-    order = _add_seen(walk, play, detail)
+    order = _add_world(walk, play, detail)
     walk.add([*memories, round(play.now, _DIGITS) if detail.time else None])
     return walk.digest(), order
 
@@ -140,17 +140,17 @@ def _by_name(things: dict[Module | None, T]) -> list[tuple[str, T]]:
 class _Walk:
     """The objects met so far, and what was written down about them."""
 
-    def __init__(self, rivals: dict[str, int], now: float) -> None:
-        self._rivals = rivals
+    def __init__(self, queue_groups: dict[str, int], now: float) -> None:
+        self._queue_groups = queue_groups
         self._now = now
         self._out: list[Any] = []
         self._numbers: dict[int, int] = {}  #: of objects, by id()
         self._names: dict[tuple[type, int], int] = {}  #: of marks
         self._unseen: deque[object] = deque()
-        self._later: list[Iterable[Any]] = []  #: containers without order
+        self._unordered: list[Iterable[Any]] = []  #: containers without order
         self._ranks: dict[
             int, list[tuple[int, int]]
-        ] = {}  #: by group of rivals: (arrival, place in _out)
+        ] = {}  #: by group of queue_groups: (arrival, place in _out)
 
     def add(self, value: Any) -> None:
         """Write down a value; an object by its number, and what it holds when its turn comes."""
@@ -158,7 +158,7 @@ class _Walk:
         if kind in _PLAIN:
             self._out.append(value)
         else:
-            _way_of(kind)(self, value)
+            _writer_of(kind)(self, value)
 
     def write(self, *plain: Any) -> None:
         """Write down values as they are."""
@@ -180,11 +180,11 @@ class _Walk:
 
     def finish(self) -> None:
         """Look at all objects that were met."""
-        while self._unseen or self._later:
+        while self._unseen or self._unordered:
             while self._unseen:
-                self._look_at(self._unseen.popleft())
-            if self._later:
-                things = self._later.pop(0)
+                self._visit(self._unseen.popleft())
+            if self._unordered:
+                things = self._unordered.pop(0)
                 known = sorted(
                     self._numbers[id(thing)] for thing in things if id(thing) in self._numbers
                 )
@@ -192,7 +192,7 @@ class _Walk:
                 for thing in things:
                     self.number_of(thing)
 
-    def _look_at(self, thing: Any) -> None:
+    def _visit(self, thing: Any) -> None:
         kind: type = type(thing)
         out, add = self._out, self.add
         out.append(kind.__name__)
@@ -233,15 +233,15 @@ class _Walk:
         """Only the order of arrivals matters, and only among those that may wait in the same
         queue.
         """
-        group = self._rivals.get(delivery.message.name, -1)
+        group = self._queue_groups.get(delivery.message.name, -1)
         self._ranks.setdefault(group, []).append((arrival, len(self._out)))
         self._out.append(arrival > 0)
 
     def add_unordered(self, _: object, values: dict[Any, Any]) -> None:
-        self._later.append(list(values.values()))
+        self._unordered.append(list(values.values()))
 
     def add_unordered_keys(self, _: object, values: dict[Any, Any]) -> None:
-        self._later.append(list(values))
+        self._unordered.append(list(values))
 
     def add_by_name(self, _: object, values: dict[str, Any]) -> None:
         for name in sorted(values):
@@ -313,7 +313,7 @@ _EMPTY: dict[type, tuple[Any, int]] = {
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _WIDEST = 63  # bits of an integer
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
-_WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
+_WRITERS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((Enum,), lambda walk, value: walk.add(value.value)),
     ((Identifier,), lambda walk, name: walk.write(_NAME, walk.number_of_name(name))),
     ((int,), lambda walk, value: walk.write(int(value))),
@@ -331,9 +331,9 @@ def _add_thing(walk: _Walk, value: object) -> None:
 
 
 @cache
-def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
+def _writer_of(kind: type) -> Callable[[_Walk, Any], None]:
     """How values of a class that is not plain are written down."""
-    return next((write for classes, write in _WAYS if issubclass(kind, classes)), _add_thing)
+    return next((write for classes, write in _WRITERS if issubclass(kind, classes)), _add_thing)
 
 
 Write = Callable[[_Walk, Any, Any], None]
@@ -418,9 +418,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
             walk.add(
                 [
                     number,
-                    line.name
-                    if detail.names or play.scenario.has_messages_ahead
-                    else len(line.actors),
+                    line.name if detail.names or play.scenario.has_prefetch else len(line.actors),
                 ]
             )
             for actor in line.actors:
@@ -435,7 +433,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
             *play.suspended.values(),
         ]
     )
-    walk.add(sorted(play.lived.items()))
+    walk.add(sorted(play.digests.items()))
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
@@ -443,24 +441,24 @@ def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
         [
             has_begun,
             actor.program.name,
-            actor.life.number,
+            actor.script_run.number,
             actor.delivery,
             actor.number,
             actor.step is None,
-            actor.is_told,
-            actor.was_told,
-            actor.knows,
+            actor.is_killed,
+            actor.was_ending,
+            actor.knows_of_kill,
             actor.is_ending,
-            actor.knows_end,
+            actor.knows_of_module_end,
             actor.suspended[-1],
             len(set(actor.suspended)),
             *actor.known,
-            list(actor.uses),
+            list(actor.reply_uses),
         ]
     )
     for place, request in actor.requests.items():
         walk.add([place, request.number, request.is_over, list(request.unread)])
-    walk.add_time(actor, actor.late_at)
+    walk.add_time(actor, actor.times_out_at)
 
 
 def _add_outcomes(walk: _Walk, play: Play) -> None:
@@ -481,7 +479,7 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
     walk.add([*sorted(unbegun.items())])
 
 
-def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
+def _add_world(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
     """Add the state that properties see; return the messages in the order in which they were
     added.
     """
@@ -504,10 +502,10 @@ def _add_message(walk: _Walk, item: MessageRecord, now: float) -> None:
     walk.add(
         [item.recovering, *(getattr(item, name) for name in SEEN if name not in OF_LAST_ACTION)]
     )
-    walk.add([_out_of_time(hold, now) for hold in item.holds if not hold.is_over])
+    walk.add([_without_times(hold, now) for hold in item.holds if not hold.is_over])
 
 
-def _out_of_time(hold: Hold, now: float) -> list[Any]:
+def _without_times(hold: Hold, now: float) -> list[Any]:
     """A constraint; if its delay has begun, with how much of that is left."""
     left = None if hold.due is None else round(hold.due - now, _DIGITS)
     return [hold.moment, hold.constraint.before, hold.constraint.delay if left is None else left]

@@ -17,7 +17,7 @@ class Violation(msgspec.Struct, frozen=True):
     why: str
     """The error in the last state."""
     actions: tuple[Action, ...]
-    circle: tuple[Action, ...] = ()
+    cycle: tuple[Action, ...] = ()
     """Actions that come after these again and again, for ever, where a run that never ends shows
     it.
     """
@@ -80,9 +80,9 @@ class Way(NamedTuple):
 
     action: Action
     to: SearchState
-    carried: tuple[int, ...]
+    new_places: tuple[int, ...]
     """By place of what waits before: its place among what waits after, or -1 where it waits no
-    longer for the same. Empty where no circles are looked for.
+    longer for the same. Empty where no cycles are looked for.
     """
 
 

@@ -41,7 +41,7 @@ def report(result: Result) -> str:
 def _story(result: Result, violation: Violation) -> list[str]:
     play, wording, lines = Play(result.scenario), Wording(), []
     stem = len(violation.actions)
-    for number, action in enumerate((*violation.actions, *violation.circle), start=1):
+    for number, action in enumerate((*violation.actions, *violation.cycle), start=1):
         if number == stem + 1:
             lines.append("and then again and again:")
         lines.append(f"{number:3}. {describe(play, action)}")

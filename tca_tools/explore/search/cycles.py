@@ -1,13 +1,13 @@
 """Runs that go on for ever: what never happens in them, and who waits in them for ever.
 
-There are finitely many states, so a run that goes on for ever goes round in a circle among some of
-them. A circle counts if it is *fair*: nothing that can happen all the time, and must happen some
-time, is left out of it for ever. A set of states that all lead to each other has a fair circle
+There are finitely many states, so a run that goes on for ever goes round in a cycle among some of
+them. A cycle counts if it is *fair*: nothing that can happen all the time, and must happen some
+time, is left out of it for ever. A set of states that all lead to each other has a fair cycle
 unless something can happen in each of its states and does so on no way inside it; then no part of
 it has one either.
 
-A property is *owed* in some states: the circles are among those. What *waits* is followed from
-state to state (Way.carried): the circles are those round which the same task, or script, waits for
+A property is *owed* in some states: the cycles are among those. What *waits* is followed from
+state to state (Way.new_places): the cycles are those round which the same task, or script, waits for
 the same thing.
 """
 
@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from tca_tools.explore.play.play import Action, waiting
-from tca_tools.explore.play.words import left_behind
+from tca_tools.explore.play.play import Action, waiters
+from tca_tools.explore.play.words import waiter_in_words
 from tca_tools.explore.scenario.scenario import Scenario
 from tca_tools.explore.search.states import SearchState, Violation, Way, replayed
 from tca_tools.properties.algebra import NeverStuck, Property
@@ -51,23 +51,28 @@ def judge(
     places = {id(state): place for place, state in enumerate(states)}
     for number, one in enumerate(properties):
         is_stuck = isinstance(one, NeverStuck)
-        circle = _fair_circle(
-            _waits(states, places) if is_stuck else _owed(states, places, number, one), states
+        cycle = _fair_cycle(
+            _waiting_graph(states, places)
+            if is_stuck
+            else _owed_graph(states, places, number, one),
+            states,
         )
-        if circle is None:
+        if cycle is None:
             continue
-        start, ways = circle
+        start, ways = cycle
         why = "this can go on for ever, and it never happens"
         if is_stuck:
             play = replayed(scenario, states[start.state])
-            why = f"this can go on for ever, and all the while:\n{left_behind(play, waiting(play)[start.waits])}"
+            why = f"this can go on for ever, and all the while:\n{waiter_in_words(play, waiters(play)[start.waits])}"
         return Violation(
             str(one), why, states[start.state].actions(), tuple(way.action for way in ways)
         )
     return None
 
 
-def _owed(states: list[SearchState], places: dict[int, int], number: int, one: Property) -> Graph:
+def _owed_graph(
+    states: list[SearchState], places: dict[int, int], number: int, one: Property
+) -> Graph:
     """The states in which a property is owed, and the ways between them."""
     nodes = {
         _Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])
@@ -82,28 +87,28 @@ def _owed(states: list[SearchState], places: dict[int, int], number: int, one: P
     }
 
 
-def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
+def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
     """The waiters in each state, and the ways after which they still wait."""
     return {
         _Node(place, one): [
-            _Edge(way, _Node(places[id(way.to)], way.carried[one]))
+            _Edge(way, _Node(places[id(way.to)], way.new_places[one]))
             for way in state.ways
-            if way.carried[one] >= 0
+            if way.new_places[one] >= 0
         ]
         for place, state in enumerate(states)
         if state.ways
-        for one in range(len(state.ways[0].carried))
+        for one in range(len(state.ways[0].new_places))
     }
 
 
-def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
-    """The nearest fair circle: where it begins, and the ways round."""
+def _fair_cycle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
+    """The nearest fair cycle: where it begins, and the ways round."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [step for step in graph[node] if step.to in part] for node in part}
-        taken = {_fair(step.way.action) for steps in inside.values() for step in steps}
+        happening = {_fair(step.way.action) for steps in inside.values() for step in steps}
         always = set.intersection(*(_possible(states[node.state]) for node in part))
-        if taken and not always - taken:
-            return min(part), _round(inside, min(part), states)
+        if happening and not always - happening:
+            return min(part), _way_round(inside, min(part), states)
     return None
 
 
@@ -151,7 +156,7 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
+def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     """A fair way from *start* round to it again: a short one, if not always the shortest."""
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
@@ -171,19 +176,19 @@ def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     return ways
 
 
-def _path(inside: Graph, start: _Node, is_there: Callable[[_Edge], bool]) -> list[_Edge]:
+def _path(inside: Graph, start: _Node, is_wanted: Callable[[_Edge], bool]) -> list[_Edge]:
     """The shortest way whose last step is one of those wanted."""
-    came: dict[_Node, tuple[_Node, _Edge]] = {}
+    reached_by: dict[_Node, tuple[_Node, _Edge]] = {}
     nodes = deque([start])
     while True:
         node = nodes.popleft()
         for step in inside[node]:
-            if is_there(step):
+            if is_wanted(step):
                 path = [step]
                 while node != start:
-                    node, before = came[node]
+                    node, before = reached_by[node]
                     path.append(before)
                 return path[::-1]
-            if step.to not in came:
-                came[step.to] = node, step
+            if step.to not in reached_by:
+                reached_by[step.to] = node, step
                 nodes.append(step.to)
