@@ -364,9 +364,9 @@ def test_a_limit_is_no_answer() -> None:
     first, second = tca.report(result).splitlines()
     assert (
         first
-        == "walking: not known, nothing wrong in the first 21 states: make it smaller, or raise the limit"
+        == "walking: not known, nothing wrong in the first 21 states: make the scenario smaller, or raise the limit"
     )
-    assert second.startswith("  open beside other things: steps of user (")
+    assert second.startswith("  commonest alternatives: steps of user (")
 
 
 def stuck() -> tca.Result:
@@ -387,7 +387,7 @@ def stuck() -> tca.Result:
 
 def test_what_is_stuck_is_named() -> None:
     *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
-    assert why == "  => nothing further need happen, and this is left:"
+    assert why == "  => the run may end here, with this left:"
     assert (
         second.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"

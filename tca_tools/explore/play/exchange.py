@@ -1,6 +1,4 @@
-"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is
-play.py says.
-"""
+"""The requests of scripts to central, and its answers; ``play.py`` decides which script runs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +34,7 @@ from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.points import TaskId
 
 OBSERVER = ConnectionId(b"observer")
-"""The connection of the module that is told of all states."""
+"""The connection of the module that observes the states of all tasks."""
 _AWAITED, _READ = steps.AwaitAnswer(0).kind, steps.ReadClientRequest().kind
 
 
@@ -45,45 +43,45 @@ class Exchange:
 
     def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
-        self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
+        # Central does not search for deadlocks here: ``never_stuck()`` finds them.
+        self.central.look_after = 0
         self.central.tree.newest = MessageId(0)
-        self.central.dispatcher.messages_ahead.trusts_all = (
-            True  # how long handlers took is no part of the state
-        )
+        # Every handler counts as quick, because their durations are no part of the state.
+        self.central.dispatcher.messages_ahead.trusts_all = True
         self.world = JournalWorld([], is_whole=True)
         self.observer: Observer | None = None
-        self.taken: AcceptedRequest | None = (
-            None  #: the request that central took with the last action
-        )
+        #: The request that central accepted with the last action.
+        self.taken: AcceptedRequest | None = None
         self.now = 0.0  #: seconds since the run began
-        self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
-        self.digests: dict[
-            str, bytes
-        ] = {}  #: by line: what its scripts did and got, where messages may be ahead
+        self.lines: dict[str, ModuleLine] = {}  #: by name: the open connections
+        #: By line: a digest of its ended scripts, if a module has a prefetch.
+        self.digests: dict[str, bytes] = {}
         self.facts: list[Fact] = []  #: recorded with the last action
         self.scenario = scenario
         self._known = scenario.messages()  #: messages that some module handles
         self._number = RequestNumber(0)
 
     def next_number(self) -> RequestNumber:
-        """The number of a new request."""
+        """Return the number of a new request."""
         self._number += 1
         return self._number
 
     def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
-        """Let central receive something; what came of it."""
+        """Let central receive a header from *line*; return the effects."""
         inbox = self.lines[line].inbox if line in self.lines else None
         if inbox is None:
             return self.handle(RequestReceived(self.now, connection_of(line), header, body))
         return [] if inbox.send(header, body) else self.flush(line, inbox)
 
     def flush(self, line: str, inbox: SlotInbox) -> list[Effect]:
-        """Let central receive what a slot's session says; what came of it."""
-        said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
-        return [effect for event in said for effect in self.handle(event)]
+        """Let central receive what the session of a slot sends; return the effects."""
+        events = [
+            RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()
+        ]
+        return [effect for event in events for effect in self.handle(event)]
 
     def handle(self, event: Event) -> list[Effect]:
-        """Let central handle an event, and everybody get what it sends; what came of it."""
+        """Let central handle an event, and connections receive its packets; return the effects."""
         try:
             effects = self.central.handle(event)
         except Exception as error:
@@ -108,7 +106,7 @@ class Exchange:
     def receive_packet(
         self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes
     ) -> None:
-        """A slot gets a packet from central."""
+        """Let a slot receive a packet from central."""
         if inbox.receive(header, body):
             self._on_packet(line, header, body)
         self.flush(line.name, inbox)
@@ -118,36 +116,36 @@ class Exchange:
             get(self, line, header, body)
 
     def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
-        """A slot that leaves gives back what it has ahead."""
+        """Return the prefetched messages of a slot that leaves."""
         if inbox.session.ahead:
             inbox.session.give_back()
             self.flush(line.name, inbox)
 
     def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:
-        """The error if a slot has other messages than central has given it: nothing is lost, and
-        nothing is twice.
+        """Return an error if a slot has other messages than central has sent it; "" if not.
+
+        The comparison finds messages that are lost or handled twice.
         """
-        has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
-        given = sorted(deliveries_given_to(self.central, line.name))
-        if has == given:
+        present = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
+        sent = sorted(deliveries_given_to(self.central, line.name))
+        if present == sent:
             return ""
         with numbers_shown():
-            return f"{line.name} has {has}, and central has given it {given}"
+            return f"{line.name} has {present}, but central has sent it {sent}"
 
     def start_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
-        """A slot begins with the next message that it has ahead."""
+        """Let a slot start its next prefetched message."""
         header, body = inbox.start_next()
         self._on_delivery(line, header, body)
         line.start(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]
         assert slot.resource is not None
-        if (
-            item := self.world.known(header.delivery)
-        ) is not None:  # central is told of that with its reply
+        # Central learns of the start only with the reply, so the world checks locks now.
+        item = self.world.known(header.delivery)
+        if item is not None:
+            place = self.world.place(slot.module.name, slot.resource.name)
             with numbers_shown():
-                check_locks(
-                    self.world, item, self.world.place(slot.module.name, slot.resource.name)
-                )
+                check_locks(self.world, item, place)
 
     def _record(self, entry: Entry) -> None:
         self.facts += entry.facts
@@ -157,12 +155,13 @@ class Exchange:
     # --- steps ------------------------------------------------------------------------------------
 
     def carry_out(self, line: ModuleLine, actor: Actor) -> None:
-        """An actor takes the step that it is at."""
+        """Carry out the step of an actor."""
         _CARRY_OUT[type(actor.step)](self, line, actor, actor.step)
 
     def advance(self, line: ModuleLine) -> None:
-        """Play the parts that are no action: a script awaits or reads something, or ends if it
-        handles nothing.
+        """Play the steps that are no action of their own.
+
+        These are waits, reads of answers, and the end of a script that handles nothing.
         """
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
@@ -207,23 +206,25 @@ class Exchange:
             self.taken = AcceptedRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
-        """A module that is lost takes its resources along; one that nobody ever has is a
-        mistake.
+        """Raise ScenarioError for a lock of a resource that no module of the scenario has.
+
+        A resource may also be missing because its module was lost, which is no mistake.
         """
         owners = self.scenario.owners(header.resource)
         if not owners or header.module not in ("", *owners):
-            whose = f"module '{header.module}'" if header.module else "no module"
+            owner = f"module '{header.module}'" if header.module else "the scenario"
             raise ScenarioError(
-                f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
-                "lock or reserve one that is there"
+                f"{owner} has no resource '{header.resource}' that handles something: "
+                "lock or reserve an existing one"
             )
         if not header.module and len(owners) > 1:
             raise ScenarioError(
-                f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
+                f"modules {', '.join(owners)} have a resource '{header.resource}': "
+                "choose one with module="
             )
 
     def _declare(self, line: ModuleLine, step: steps.Ask) -> None:
-        """A module declares a message when it first uses it."""
+        """Declare the messages of a step that central does not know yet."""
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
         for message in step.declares:
@@ -231,8 +232,10 @@ class Exchange:
                 is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
             )
             if message.name not in self._known and not is_free:
-                text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
-                raise ScenarioError(f"{text} scenario handles: give one a handler for it")
+                raise ScenarioError(
+                    f"{line.run.name} sends {message.message_class} '{message.name}', which no "
+                    "module of the scenario handles: add a handler for it"
+                )
         formats = [message.format for message in step.declares]
         new = [
             one for one in formats if one.name not in registry or registry[one.name].format != one
@@ -248,7 +251,7 @@ class Exchange:
     def _read_client_request(
         self, line: ModuleLine, actor: Actor, step: steps.ReadClientRequest
     ) -> None:
-        """A script reads what a client wants of its task."""
+        """Let a script read a client's request to its task, or wait for one."""
         if actor.client_requests:
             actor.receive(actor.client_requests.popleft())
         elif not step.waits:
@@ -275,7 +278,7 @@ class Exchange:
         self.receive(line.name, headers.GiveUp(request.number))
 
     def _finish_script(self, line: ModuleLine) -> None:
-        """The script whose turn it is is over."""
+        """Remove the script whose turn it is: it has ended."""
         actor = line.stack.pop()
         if self.scenario.has_prefetch:
             self.digests[line.name] = actor.digest(self.digests.get(line.name))
@@ -286,8 +289,10 @@ class Exchange:
             self._reply(line, actor, step.body)
 
     def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
-        """A handler returned: see Slot of tca_module. One that knew that its module ends may have
-        done half of it.
+        """Send the reply of a handler that has returned, as a slot of tca_module does.
+
+        A handler that knew of the end of its module may have done only half of its work, so it
+        fails.
         """
         if actor.knows_of_module_end and not actor.is_killed:
             self.receive(
@@ -308,17 +313,17 @@ class Exchange:
             )
             self.receive(line.name, header, step.body)
         elif not line.run.is_joined:
-            raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
+            raise ScenarioError(f"this error ends the module: {step.failure}: {step.text}")
 
     def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKeptReplies) -> None:
-        """The handlers' own scripts do that, some time later."""
-        for one in (one for each in line.run.lines for one in each.stack):
-            if one.program is line.run.module.handlers.get(step.message):
-                one.use_reply(step.words)
+        """Pass *step* to the handlers' scripts, which use their replies later."""
+        for handler in (actor for each in line.run.lines for actor in each.stack):
+            if handler.program is line.run.module.handlers.get(step.message):
+                handler.use_reply(step.words)
         actor.receive(steps.StepResult(step.kind))
 
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
-        """It never gets anything for that step."""
+        """Do nothing: this step never has a result."""
 
     # --- answers ----------------------------------------------------------------------------------
 
@@ -340,11 +345,10 @@ class Exchange:
         if (actor := _asking(line, header.number)) is not None and isinstance(
             actor.step, steps.Ask
         ):
-            is_change = isinstance(
-                actor.step.header, ChangeState
-            )  # its answer is a number of changes
-            made = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
-            actor.receive(steps.StepResult(actor.step.kind, id=made))
+            # The reply to a change of state has a number of changes in place of an id.
+            is_change = isinstance(actor.step.header, ChangeState)
+            created = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
+            actor.receive(steps.StepResult(actor.step.kind, id=created))
         self._answer(line, header.number, steps.StepResult(_AWAITED, id=TaskId(0)))
 
     def _on_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
@@ -366,7 +370,7 @@ class Exchange:
         )
 
     def _answer(self, line: ModuleLine, number: int, got: steps.StepResult) -> bool:
-        """Whether somebody wanted that answer."""
+        """Queue an answer for the actor that awaits it; return whether there is one."""
         for actor, request in _requests(line, number):
             if not request.is_over:
                 if isinstance(request.header, headers.Inspect) and got.body:
@@ -390,7 +394,7 @@ class Exchange:
 
 
 def _asking(line: ModuleLine, number: int) -> Actor | None:
-    """The actor that waits for central's word of a request of that number."""
+    """Return the actor that waits for central's reply to the request of that number."""
     return next((actor for actor in line.actors if number and actor.number == number), None)
 
 
@@ -408,12 +412,12 @@ def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
 
 
 def connection_of(name: str) -> ConnectionId:
-    """The id by which central knows a line."""
+    """Return central's id of the line with that name."""
     return ConnectionId(name.encode())
 
 
 def deliveries_given_to(central: Central, line: str) -> list[int]:
-    """The deliveries that central has given to a slot."""
+    """Return the deliveries that central has sent to a slot and that are not over."""
     slot = central.registry.connections[connection_of(line)]
     ahead = (
         slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
@@ -422,9 +426,9 @@ def deliveries_given_to(central: Central, line: str) -> list[int]:
 
 
 def _is_refusal(effect: Effect) -> bool:
-    """Whether central refuses a request, or says that it came too late to change anything."""
-    told = effect.entry.facts if isinstance(effect, Record) else ()
-    return any(isinstance(fact, Ignored | RequestRefused) for fact in told)
+    """Whether central refuses a request, or records that it came too late to change anything."""
+    facts = effect.entry.facts if isinstance(effect, Record) else ()
+    return any(isinstance(fact, Ignored | RequestRefused) for fact in facts)
 
 
 # ruff: noqa: SLF001

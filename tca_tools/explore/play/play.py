@@ -1,10 +1,9 @@
-"""One run of a scenario, at one moment: central, the modules and their scripts, and what may happen
-next.
+"""One state of a run: central, the modules, their scripts, and the actions that are possible next.
 
-An action is one thing that happens: a script takes its next step, a module joins, a connection
-breaks, time passes to what is due next. Central handles it at once, and what it sends is received
-at once: since all goes through central, interleavings differ only in the order in which it receives
-things. Equal actions on equal runs have equal results.
+An action is a script's next step, a step of joining, a connection that breaks, time that passes to
+the next event, and the like. Central handles it at once, and its packets arrive at once. Everything
+goes through central, so interleavings differ only in the order in which central receives things.
+Equal actions on equal runs have equal results.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,8 +26,8 @@ from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
 
-OPERATOR = "somebody"
-"""The module that kills and suspends what may be."""
+OPERATOR = "the operator"
+"""The module that kills and suspends tasks where the scenario allows that."""
 
 NOTHING = b"\xc0"  # None as MessagePack
 
@@ -36,51 +35,47 @@ NOTHING = b"\xc0"  # None as MessagePack
 class ActionKind(StrEnum):
     """The kind of an action."""
 
-    STEP = "step"  # a script goes on
-    RECEIVE = "receive"  # a slot with messages ahead gets the next packet from central
-    START = "start"  # and begins with the next of these messages
-    REPLY = "reply"  # and sends the replies that it has held
-    TIME = "time"  # time passes until something is due
-    TIMEOUT = "timeout"  # a script has waited for as long as it wanted to
+    STEP = "step"  # a script continues
+    RECEIVE = "receive"  # a slot with a prefetch receives the next packet from central
+    START = "start"  # such a slot starts its next prefetched message
+    REPLY = "reply"  # such a slot sends the replies that it holds
+    TIME = "time"  # time passes until the next event is due
+    TIMEOUT = "timeout"  # the wait of a script times out
     JOIN = "join"  # a run of a module takes its next step of joining
-    BREAK = "break"  # a connection breaks: its module dies with it, or has
-    LEAVE = "leave"  # a module begins to leave
+    BREAK = "break"  # a connection breaks; the first one ends the module
+    LEAVE = "leave"  # a module starts to leave
     GOODBYE = "goodbye"  # a connection of a leaving module says goodbye
-    KILL = "kill"  # somebody kills a task
-    SUSPEND = "suspend"  # somebody suspends a task
-    RESUME = "resume"  # and resumes it
+    KILL = "kill"  # the operator kills a task
+    SUSPEND = "suspend"  # the operator suspends a task
+    RESUME = "resume"  # the operator resumes a task
 
 
 class Action(msgspec.Struct, frozen=True):
-    """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch
-    or task.
-    """
+    """One action that is possible in a state."""
 
     kind: ActionKind
     name: str = ""
+    """The name of a line, run or message."""
     index: int = 0
+    """The place of a branch or task."""
     is_optional: bool = False
-    """It need not happen."""
+    """Whether it need not happen."""
 
 
 class Play(Exchange):
-    """A run so far. ``perform`` is the only way it changes."""
+    """A run so far. Only ``perform`` changes it."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.runs: dict[
-            str, ModuleRun
-        ] = {}  #: of modules, by name, until their last connection has ended
+        #: By name: the runs of modules with an open connection.
+        self.runs: dict[str, ModuleRun] = {}
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
         self.suspensions = dict(scenario.may_be_suspended)
-        self.suspended: dict[str, list[TaskId]] = {
-            name: [] for name in self.suspensions
-        }  #: by somebody, by message
-        self.queue_groups = (
-            scenario.queue_groups()
-        )  #: by message: which may wait for the same resource
-        self._started = dict.fromkeys(scenario.modules, 0)  #: how often
+        #: By message: the tasks that the operator has suspended.
+        self.suspended: dict[str, list[TaskId]] = {name: [] for name in self.suspensions}
+        self.queue_groups = scenario.queue_groups()
+        self._started = dict.fromkeys(scenario.modules, 0)  #: by module: the number of its runs
         if scenario.is_observed:
             self.observer = Observer()
             name = OBSERVER.decode()
@@ -93,14 +88,13 @@ class Play(Exchange):
             self.receive(
                 OPERATOR, headers.Hello(self.next_number(), PROTOCOL_VERSION, OPERATOR, OPERATOR)
             )
-        self.broken = next(
-            self._broken(), ""
-        )  #: the promise that central broke with the last action
+        #: The promise that central broke with the last action; "" for none.
+        self.broken = next(self._broken(), "")
 
     # --- possible actions -------------------------------------------------------------------------
 
     def actions(self) -> list[Action]:
-        """Everything that may happen now."""
+        """Return the actions that are possible now."""
         return [
             *self._steps(),
             *self._with_inboxes(),
@@ -135,13 +129,13 @@ class Play(Exchange):
         )
 
     def _timeouts(self) -> list[tuple[ModuleLine, float]]:
-        """The lines whose scripts wait no longer than until a time, with that time."""
+        """Return the lines whose script waits with a timeout, with the end of that."""
         newest = [(line, line.stack[-1].times_out_at) for line in self.lines.values() if line.stack]
         return [(line, at) for line, at in newest if at is not None]
 
     @property
     def next_time(self) -> float | None:
-        """When something is due next."""
+        """The time of the next event that is due; None if none is."""
         times = [at for _, at in self._timeouts() if at > self.now]
         due = self.central.clock.next
         return min([*times, due] if due is not None else times, default=None)
@@ -174,7 +168,7 @@ class Play(Exchange):
             )
 
     def killable(self, message: str) -> list[MessageRecord]:
-        """The tasks of that message which somebody may kill."""
+        """Return the tasks of that message which the operator may kill."""
         return [
             task
             for task in self.world.tasks
@@ -182,14 +176,17 @@ class Play(Exchange):
         ]
 
     def suspendable(self, message: str) -> list[MessageRecord]:
-        """The tasks of that message which somebody may suspend."""
+        """Return the tasks of that message which the operator may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
     # --- actions played ---------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
-        """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if
-        central can't.
+        """Perform an action.
+
+        Raises:
+            ScenarioError: A script can't be played.
+            CentralFault: Central raised an error.
         """
         self.facts, self.taken = [], None
         self.world.violations.clear()
@@ -199,7 +196,7 @@ class Play(Exchange):
         self.broken = next(self._broken(), "")
 
     def _broken(self) -> Iterator[str]:
-        """What is wrong with what central did."""
+        """Yield the promises that central broke with the last action."""
         yield from (violation.what for violation in self.world.violations)
         if self.observer is not None:
             with numbers_shown():
@@ -230,7 +227,7 @@ class Play(Exchange):
             raise ScenarioError(f"{actor.program.place(script_run, branch)}: {error}") from None
 
     def inbox(self, action: Action) -> SlotInbox:
-        """That of the slot with messages ahead to which something happens."""
+        """Return the inbox of the slot that *action* is about."""
         inbox = self.lines[action.name].inbox
         assert inbox is not None
         return inbox
@@ -259,8 +256,9 @@ class Play(Exchange):
         return run
 
     def _start_all(self) -> None:
-        """Until all are there; those that wait for each other, or choose, go on with that in the
-        run.
+        """Let modules join until none can continue.
+
+        Modules that wait for each other or have a choice continue in the run.
         """
         moved = True
         while moved:
@@ -270,8 +268,9 @@ class Play(Exchange):
                     moved = True
 
     def _start_further(self, run: ModuleRun) -> bool:
-        """The next step of a module that joins before the run; False if there is none, or more than
-        one.
+        """Take the next step of a module that joins before the run.
+
+        Return False if it has no next step, or a choice of several.
         """
         if run.module.arrives_late or run.is_joined:
             return False
@@ -286,7 +285,7 @@ class Play(Exchange):
         return True
 
     def _join(self, run: ModuleRun) -> None:
-        """The next step of joining."""
+        """Take the next step of joining."""
         module, done = run.module, run.steps_joined
         if done == 1:
             messages = [
@@ -382,7 +381,10 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
 
 
 def outcome(play: Play) -> bytes:
-    """What has been done, got and left in a run that ends, the same in all explorations."""
+    """Return a digest of the end of a run: results, open scripts and messages, unused mishaps.
+
+    It is the same in all explorations.
+    """
     unfinished = {
         name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())
     }
@@ -395,13 +397,11 @@ def outcome(play: Play) -> bytes:
 
 
 Waiter = tuple[int] | tuple[Actor, ScriptRun]
-"""A task that is held or queued, by id; a script, at that point of its script_run."""
+"""The id of a task that is held or queued; or a script, with its run so far."""
 
 
 def waiters(play: Play) -> list[Waiter]:
-    """The tasks that wait by themselves, not for what is under them, oldest first; and the
-    scripts.
-    """
+    """Return what waits: tasks without open tasks below them, oldest first, then scripts."""
     tasks = play.world.tasks
     parents = {task.parent_id for task in tasks if not task.is_over}
     return [
@@ -416,11 +416,11 @@ def waiters(play: Play) -> list[Waiter]:
 
 
 def still_waiting(before: Sequence[Waiter], play: Play) -> tuple[int, ...]:
-    """Where among what waits now is what waited before; -1: it does not."""
+    """Return, for each earlier waiter, its place among those of now; -1 if it no longer waits."""
     now = waiters(play)
     return tuple(now.index(one) if one in now else -1 for one in before)
 
 
 def _is_waiting(task: MessageRecord) -> bool:
-    """Central itself carries monitors out: they go on, and do not wait."""
+    """Whether a task is held or queued. Monitors never are: central itself carries them out."""
     return not (task.is_over or task.is_handled or task.message_class.is_monitor)

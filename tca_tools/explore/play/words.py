@@ -1,4 +1,4 @@
-"""Actions, and what is unfinished at the end, in words."""
+"""Actions, unfinished tasks and waiting scripts in words."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,7 +6,7 @@ from functools import partial
 from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
-from tca_tools.explore.play.play import Action, ActionKind, Play, Waiter
+from tca_tools.explore.play.play import OPERATOR, Action, ActionKind, Play, Waiter
 from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import RequestWording
 from tca_tools.explore.scenario.script_connection import CHOOSE
@@ -15,12 +15,12 @@ from tca_wire.points import describe_moments
 
 
 def describe(play: Play, action: Action) -> str:
-    """The next action in words: "gait planner in take steps {3} sends command move leg 2"."""
+    """Return an action in words: "gait planner in take steps {3} sends command move leg 2"."""
     return _DESCRIBE[action.kind](play, action)
 
 
 def unfinished(play: Play) -> tuple[str, ...]:
-    """The tasks and scripts that have not ended, and what they wait for."""
+    """Return the tasks and scripts that have not ended, each with what it waits for."""
     tasks = [_task_left(play, task) for task in play.world.tasks if not task.is_over]
     return (
         *tasks,
@@ -33,11 +33,11 @@ def unfinished(play: Play) -> tuple[str, ...]:
     )
 
 
-def waiter_in_words(play: Play, one: Waiter) -> str:
-    """One that waits for ever, and what for."""
-    if isinstance(one[0], int):
-        return _task_left(play, play.world.items[one[0]])
-    actor = one[0]
+def waiter_in_words(play: Play, waiter: Waiter) -> str:
+    """Return a waiting task or script, with what it waits for."""
+    if isinstance(waiter[0], int):
+        return _task_left(play, play.world.items[waiter[0]])
+    actor = waiter[0]
     return _script_left(
         play, next(line for line in play.lines.values() if actor in line.actors), actor
     )
@@ -63,7 +63,8 @@ def _step(play: Play, action: Action) -> str:
         f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, "
         for got in branch.decisions
     ]
-    return f"{_actor_name(line, actor, play)} {''.join(found)}{_step_in_words(play, actor, branch.step)}"
+    step = _step_in_words(play, actor, branch.step)
+    return f"{_actor_name(line, actor, play)} {''.join(found)}{step}"
 
 
 def _receive(play: Play, action: Action) -> str:
@@ -73,12 +74,13 @@ def _receive(play: Play, action: Action) -> str:
         if isinstance(header, headers.Deliver)
         else getattr(header, "deliveries", [])
     )
-    return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
+    names = ", ".join(_name(play, number) for number in named)
+    return f"{action.name} receives {type(header).__name__} {names}".rstrip()
 
 
 def _begin(play: Play, action: Action) -> str:
     header, _ = play.inbox(action).session.ahead[0]
-    return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
+    return f"{action.name} starts {_name(play, header.delivery)}, which was prefetched"
 
 
 def _join(play: Play, action: Action) -> str:
@@ -97,7 +99,7 @@ def _break(play: Play, action: Action) -> str:
     return (
         f"{line.run.name} dies: connection {line.name} breaks"
         if line.run.is_alive
-        else f"{line.name} breaks, too"
+        else f"connection {line.name} breaks, too"
     )
 
 
@@ -109,7 +111,8 @@ def _time(play: Play, _: Action) -> str:
 def _timeout(play: Play, action: Action) -> str:
     line = play.lines[action.name]
     actor = line.stack[-1]
-    return f"{_actor_name(line, actor, play)} no longer {_wait_in_words(play, actor, actor.step)}"
+    name = _actor_name(line, actor, play)
+    return f"{name} times out and no longer {_wait_in_words(play, actor, actor.step)}"
 
 
 _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
@@ -119,16 +122,16 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.REPLY: lambda _, action: f"{action.name} sends the replies that it has held",
     ActionKind.JOIN: _join,
     ActionKind.BREAK: _break,
-    ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
+    ActionKind.LEAVE: lambda _, action: f"{action.name} starts to leave",
     ActionKind.GOODBYE: lambda _, action: f"{action.name} says goodbye",
     ActionKind.KILL: lambda play, action: (
-        f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}"
+        f"{OPERATOR} kills {_name(play, play.killable(action.name)[action.index].id)}"
     ),
     ActionKind.SUSPEND: lambda play, action: (
-        f"somebody suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
+        f"{OPERATOR} suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
     ),
     ActionKind.RESUME: lambda play, action: (
-        f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
+        f"{OPERATOR} resumes {_name(play, play.suspended[action.name][action.index])}"
     ),
     ActionKind.TIME: _time,
     ActionKind.TIMEOUT: _timeout,
@@ -161,31 +164,32 @@ def _step_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
 
 
 def _wait_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
-    """The wait of an actor at that step, in words."""
+    """Return the wait of an actor in words."""
     if not isinstance(step, steps.AwaitAnswer):
         return _step_in_words(play, actor, step)
     header = actor.requests[step.request].header
     if isinstance(header, headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled):
         return _wording(play).request(header, b"", None)
-    return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
+    message_class = play.central.registry.messages[header.message].message_class
+    return f"waits for the answer to {message_class} {header.message}"
 
 
 def _abandon(actor: Actor, step: steps.Abandon) -> str:
     request = actor.requests[step.request]
     is_held = isinstance(request.header, headers.Lock) and request.is_over
-    return f"releases {request.header.resource}" if is_held else "wants no answer any more"
+    return f"releases {request.header.resource}" if is_held else "abandons its request"
 
 
 _STEPS: dict[type, str] = {
     steps.NoticeKill: "gets an error",
     steps.Return: "returns",
     steps.Fail: "[reissue?reissues its failure|fails: {failure}]",
-    steps.ReadClientRequest: "[waits?waits for|looks at] what clients want",
+    steps.ReadClientRequest: "[waits?waits for|checks for] a request of a client",
     steps.OweReply: "owes its reply",
     steps.UseKeptReplies: "uses the kept replies to {message}",
-    steps.Hang: "never goes on",
+    steps.Hang: "waits forever",
 }
-"""The phrase of each step that is no request."""
+"""By step without a request to central: its phrase."""
 
 
 def _wording(play: Play) -> RequestWording:
@@ -194,7 +198,7 @@ def _wording(play: Play) -> RequestWording:
 
 def _task_status(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [
+    awaited = [
         _wording(play).point(hold.constraint.before)
         for hold in task.holds
         if not (hold.is_met or hold.constraint.delay)
@@ -206,7 +210,7 @@ def _task_status(play: Play, task: MessageRecord) -> str:
         "suspended" if task.is_suspended else "",
         "queued" if task.is_queued else "",
         f"handled by {task.module}" if task.module else "",
-        f"waits for {', '.join(after)}" if after else "",
+        f"waits for {', '.join(awaited)}" if awaited else "",
     ]
     return "; ".join(part for part in parts if part)
 

@@ -1,14 +1,13 @@
-"""Runs that go on for ever: what never happens in them, and who waits in them for ever.
+"""Runs that never end: find an event that never happens in them, or a wait that never ends.
 
-There are finitely many states, so a run that goes on for ever goes round in a cycle among some of
-them. A cycle counts if it is *fair*: nothing that can happen all the time, and must happen some
-time, is left out of it for ever. A set of states that all lead to each other has a fair cycle
-unless something can happen in each of its states and does so on no way inside it; then no part of
-it has one either.
+The number of states is finite, so a run that never ends repeats a cycle of states. A cycle counts
+only if it is *fair*: it leaves out no action that is possible in all its states and must happen
+some time. A strongly connected set of states has no fair cycle if such an action exists and is
+taken on no way inside the set. No part of such a set has a fair cycle either.
 
-A property is *owed* in some states: the cycles are among those. What *waits* is followed from
-state to state (Way.new_places): the cycles are those round which the same task, or script, waits for
-the same thing.
+For a property that must come true, the search covers the states in which the property is *owed*.
+For ``never_stuck()`` it follows each waiter from state to state (``Way.new_places``). In the cycles
+that it finds, the same task or script waits for the same thing.
 """
 
 from collections import deque
@@ -22,16 +21,14 @@ from tca_tools.explore.search.states import SearchState, Violation, Way, replaye
 from tca_tools.properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
-"""Something that happens some time if it can all the time: a script goes on, a module joins, time
-passes.
-"""
+"""An action that must happen some time if it stays possible: a step of a script, of time, ..."""
 
 
 class _Node(NamedTuple):
-    """A state, and where one follows what waits in it, which."""
+    """A state, and the place of the waiter that is followed, if one is."""
 
     state: int
-    waits: int = 0
+    waiter: int = 0
 
 
 class _Edge(NamedTuple):
@@ -45,8 +42,9 @@ Graph = dict[_Node, list[_Edge]]
 def judge(
     scenario: Scenario, properties: Iterable[Property], states: list[SearchState]
 ) -> Violation | None:
-    """The first property that is not true of runs that never end, shown by one of them. *states*
-    are all there are, nearest first.
+    """Return the first property that is violated by a run that never ends, with such a run.
+
+    *states* are all states of the scenario, nearest first.
     """
     places = {id(state): place for place, state in enumerate(states)}
     for number, one in enumerate(properties):
@@ -60,10 +58,11 @@ def judge(
         if cycle is None:
             continue
         start, ways = cycle
-        why = "this can go on for ever, and it never happens"
+        why = "this cycle can repeat forever, and it never happens"
         if is_stuck:
             play = replayed(scenario, states[start.state])
-            why = f"this can go on for ever, and all the while:\n{waiter_in_words(play, waiters(play)[start.waits])}"
+            waiter = waiter_in_words(play, waiters(play)[start.waiter])
+            why = f"this cycle can repeat forever, with this waiting throughout:\n{waiter}"
         return Violation(
             str(one), why, states[start.state].actions(), tuple(way.action for way in ways)
         )
@@ -73,7 +72,7 @@ def judge(
 def _owed_graph(
     states: list[SearchState], places: dict[int, int], number: int, one: Property
 ) -> Graph:
-    """The states in which a property is owed, and the ways between them."""
+    """Return the states in which a property is owed, and the ways between them."""
     nodes = {
         _Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])
     }
@@ -88,7 +87,7 @@ def _owed_graph(
 
 
 def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
-    """The waiters in each state, and the ways after which they still wait."""
+    """Return the waiters in each state, and the ways after which they still wait."""
     return {
         _Node(place, one): [
             _Edge(way, _Node(places[id(way.to)], way.new_places[one]))
@@ -102,7 +101,7 @@ def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
 
 
 def _fair_cycle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
-    """The nearest fair cycle: where it begins, and the ways round."""
+    """Return the nearest fair cycle: its first node and its ways."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [step for step in graph[node] if step.to in part] for node in part}
         happening = {_fair(step.way.action) for steps in inside.values() for step in steps}
@@ -117,14 +116,12 @@ def _fair(action: Action) -> Fair:
 
 
 def _possible(state: SearchState) -> set[Fair]:
-    """The actions that can happen in a state, and must happen some time."""
+    """Return the actions that are possible in a state and must happen some time."""
     return {_fair(way.action) for way in state.ways if not way.action.is_optional}
 
 
 def _strongly_connected(graph: Graph) -> list[set[_Node]]:
-    """The largest sets of nodes that all lead to each other (Tarjan's algorithm, without
-    recursion).
-    """
+    """Return the strongly connected components (Tarjan's algorithm, without recursion)."""
     found: list[set[_Node]] = []
     number: dict[_Node, int] = {}
     low: dict[_Node, int] = {}
@@ -157,7 +154,7 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
 
 
 def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
-    """A fair way from *start* round to it again: a short one, if not always the shortest."""
+    """Return a fair cycle of ways from *start*: a short one, though not always the shortest."""
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
@@ -177,7 +174,7 @@ def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[W
 
 
 def _path(inside: Graph, start: _Node, is_wanted: Callable[[_Edge], bool]) -> list[_Edge]:
-    """The shortest way whose last step is one of those wanted."""
+    """Return the shortest path from *start* to an edge for which *is_wanted* is true."""
     reached_by: dict[_Node, tuple[_Node, _Edge]] = {}
     nodes = deque([start])
     while True:

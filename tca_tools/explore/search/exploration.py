@@ -1,6 +1,4 @@
-"""Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest
-run that does.
-"""
+"""Explore every run of a scenario, breadth first, so that a counterexample is a shortest one."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -27,20 +25,19 @@ from tca_tools.properties.algebra import NeverStuck, Property, words_of
 from tca_wire.text.nearest import nearest_or_all
 
 LIMIT = 100_000
-"""States after which an exploration ends without an answer, unless said otherwise."""
+"""The default number of states after which an exploration ends without an answer."""
 
 SNAPSHOT_BYTES = 256 << 20
-"""How much the snapshots of states yet to be left may hold; what has none is played again from the
-start.
-"""
+"""The most memory for snapshots of unexpanded states; a state without one is replayed."""
 
 MAX_PLAYS = 500
-"""How many states keep their play itself: going on from it costs no copy, but it takes ten times
-the room.
+"""The number of states that retain their play itself, which is ten times as big as a snapshot.
+
+The search continues from such a play without a copy.
 """
 
 STATES_PER_WATCH = 32
-"""States that are gone on from between one call of *watch* and the next."""
+"""The number of states that are expanded between two calls of *watch*."""
 
 Watch = Callable[[int, int], None] | None
 Check = Callable[[Central], None] | None
@@ -53,21 +50,38 @@ def explore(
     watch: Watch = None,
     check: Check = None,
 ) -> Result:
-    """Explore every run of *scenario*, until something is found that must not be, or *limit* states
-    were seen.
+    """Explore every run of *scenario*, until a violation is found or *limit* states are reached.
 
-    Checks the properties of the scenario and these further *properties*. *watch* is called from
-    time to time with the number of states that were seen, and of those still to be left. *check*,
-    for tests of central itself, is called with it in each new state, and raises AssertionError.
-    Raises ScenarioError if a script can't be played.
+    Args:
+        scenario: The scenario, which has properties of its own.
+        properties: Further properties to check.
+        limit: The most states to explore; 100,000 by default.
+        watch: A function that is called now and then with two numbers: the states reached, and
+            those that are not expanded yet.
+        check: For tests of central itself: a function that is called with central in each new
+            state and raises AssertionError if something is wrong.
+
+    Returns:
+        The result: a violation with the shortest run to it, or the size of the search.
+
+    Raises:
+        ScenarioError: A script can't be played, or a property can't be evaluated.
+        ExplorerError: Central's core is compiled; the explorer needs the one in Python.
+
+    Example::
+
+        scenario = Scenario("fetching", never_stuck())
+        ...  # its modules
+        assert explore(scenario).ok
     """
     if is_compiled():
         raise ExplorerError(
-            "the explorer needs central's core in Python, and the one here is machine code: install that in a folder of"
-            " its own (docs/decisions/0113-an-installation-has-one-core.md)"
+            "the explorer needs central's core in Python, but the core here is machine code: "
+            "install the Python core in a folder of its own "
+            "(docs/decisions/0113-an-installation-has-one-core.md)"
         )
     if not isinstance(scenario, Scenario):
-        raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
+        raise ScenarioError(f"explore() needs a Scenario, not {scenario!r:.60}")
     check_argument("explore()", checks.COUNT, limit=limit)
     judged = (*scenario.properties, *checked_properties(properties))
     _check_module_names(scenario, judged)
@@ -81,7 +95,7 @@ def explore(
 
 
 class _DetailNeeded(BaseException):
-    """States must be told apart by more."""
+    """Ends an exploration: states must be distinguished by more, so it starts again."""
 
     def __init__(self, detail: Detail) -> None:
         super().__init__(detail)
@@ -104,23 +118,21 @@ class _Exploration:
         self.ends = 0
         self.branching = Branching()
         self.outcomes: dict[bytes, SearchState] = {}
-        self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
-        self.saved = 0  #: bytes that snapshots hold
+        self.plays: dict[SearchState, Play] = {}  #: of some states that are not expanded yet
+        self.saved = 0  #: the bytes of all snapshots
         self.snapshots = Snapshots()
-        self.used_messages = set(
-            self.scenario.messages()
-        )  #: the messages that are handled, or were used_messages so far
-        self.without_case = set(
-            range(len(self.properties))
-        )  #: the properties of which there was nothing to judge yet
+        #: The names of the messages that a module handles, or that a script has used so far.
+        self.used_messages = set(self.scenario.messages())
+        #: The places of the properties whose case has not arisen yet.
+        self.without_case = set(range(len(self.properties)))
 
     def run(self) -> Result:
-        """All states, nearest first; then the cycles, if there are any."""
+        """Explore all states, nearest first; then the cycles, if there are any."""
         violation = self._reach(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
             violation = self._expand(self.frontier.popleft())
-            left = len(self.known) - len(self.frontier)
-            if self.watch is not None and not left % STATES_PER_WATCH:
+            expanded = len(self.known) - len(self.frontier)
+            if self.watch is not None and not expanded % STATES_PER_WATCH:
                 self.watch(len(self.known), len(self.frontier))
         is_complete = not self.frontier and violation is None
         states = list(self.known.values())
@@ -133,7 +145,7 @@ class _Exploration:
             [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         )
         vacuous_properties = tuple(
-            f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous
+            f"'{one}': '{words_of(one.case)}' is never true" for one in vacuous
         )
         return Result(
             self.scenario,
@@ -149,15 +161,16 @@ class _Exploration:
         )
 
     def _judge_cycles(self, states: list[SearchState]) -> Violation | None:
-        """Some runs go on for ever: judge what never happens in them."""
+        """Return a violation by a run that never ends."""
         if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
             return None
+        # Only with names can a waiter be followed from state to state.
         if not self.detail.names:
             raise _DetailNeeded(msgspec.structs.replace(self.detail, names=True))
         return cycles.judge(self.scenario, self.properties, states)
 
     def _expand(self, state: SearchState) -> Violation | None:
-        """Take every action that is possible in a state."""
+        """Perform every action that is possible in a state."""
         check_not_abandoned()
         play = self.plays.pop(state, None) or self._play_of(state)
         actions = play.actions()
@@ -204,7 +217,7 @@ class _Exploration:
         play: Play,
         waited: Sequence[Waiter] = (),
     ) -> Violation | None:
-        """A state is reached: check it, and remember it if it is new."""
+        """Check a state that was reached, and store it if it is new."""
         state = SearchState(
             before, action, before.memories if before else (0,) * len(self.properties)
         )
@@ -239,7 +252,7 @@ class _Exploration:
             self.saved += len(state.snapshot)
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
-        """The first violation of a property in a state; stores the memories of the properties."""
+        """Store the memories of the properties in *state*; return the first violation."""
         places = {message: place for place, message in enumerate(order)}
         world = World(play.world, places, play.taken, self._require_time)
         memories = []
@@ -261,31 +274,27 @@ class _Exploration:
         return None
 
     def _require_time(self) -> None:
-        """A property looks at how long the run has lasted: that is part of the state then, from the
-        beginning.
-        """
+        """Start again with the time as part of the state: a property reads it."""
         if not self.detail.time:
             raise _DetailNeeded(msgspec.structs.replace(self.detail, time=True))
 
     def _judge_end(self, state: SearchState, play: Play) -> Violation | None:
-        """A run may end here."""
+        """Return the violation of a run that ends in this state."""
         left = "".join(f"\n{line}" for line in unfinished(play))
         for one, memory in zip(self.properties, state.memories, strict=True):
             breach = ""
             if isinstance(one, NeverStuck) and left:
-                breach = f"and this is left:{left}"
+                breach = f"with this left:{left}"
             elif one.is_owed(memory):
                 left += "".join(f"\n{words}" for words in _unknown_names(one, self.used_messages))
-                breach = f"and it never did{left}"
+                breach = f"and it never happened{left}"
             if breach:
-                return Violation(
-                    str(one), f"nothing further need happen, {breach}", state.actions()
-                )
+                return Violation(str(one), f"the run may end here, {breach}", state.actions())
         return None
 
 
 def _longest_run(states: list[SearchState]) -> int | None:
-    """The most actions from the first state to any; None if there is a way round in a cycle."""
+    """Return the number of actions of the longest run; None if there is a cycle."""
     ways_in = Counter(id(way.to) for state in states for way in state.ways)
     length = dict.fromkeys(map(id, states), 0)
     ready = states[:1]
@@ -298,16 +307,17 @@ def _longest_run(states: list[SearchState]) -> int | None:
     return max(length.values()) if len(ready) == len(states) else None
 
 
-# --- names: of a wrong one everything would hold, and nobody would hear of it ---------------------
+# --- names: every property of a misspelt name would hold, and its mistake would go unnoticed ------
 
 
 def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
-    """Raise ScenarioError for a property of a module that the scenario has not."""
+    """Raise ScenarioError if a property names a module that the scenario does not have."""
     for one in properties:
         for named in one.named:
             if named.module and named.module.partition("#")[0] not in scenario.modules:
                 raise ScenarioError(
-                    f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                    f"property '{one}': scenario '{scenario.title}' has no module "
+                    f"'{named.module}'; "
                     f"{nearest_or_all(named.module, scenario.modules)}"
                 )
 
@@ -315,10 +325,8 @@ def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> N
 def _check_message_names(
     scenario: Scenario, properties: Iterable[Property], used_messages: Collection[str]
 ) -> None:
-    """Raise ScenarioError for the name of a message that is not among all that are handled or
-    *used_messages*.
-    """
-    others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
+    """Raise ScenarioError if the name of a message is not among *used_messages*."""
+    calls = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
     missing = [
         f"property '{one}': {words}"
         for one in properties
@@ -326,7 +334,7 @@ def _check_message_names(
     ]
     missing += [
         f"{call}: {_missing(name, used_messages)}"
-        for call, names in others
+        for call, names in calls
         for name in names
         if name not in used_messages
     ]
@@ -335,10 +343,13 @@ def _check_message_names(
 
 
 def _unknown_names(one: Property, used_messages: Collection[str]) -> Iterator[str]:
-    """The unknown names of messages in a property, as errors in words."""
+    """Return an error for each unknown message name in a property."""
     names = dict.fromkeys(named.message for named in one.named if named.message)
     return (_missing(name, used_messages) for name in names if name not in used_messages)
 
 
 def _missing(name: str, used_messages: Collection[str]) -> str:
-    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest_or_all(name, used_messages)}"
+    return (
+        f"there is no message '{name}': no module handles it, and no script uses it; "
+        f"{nearest_or_all(name, used_messages)}"
+    )
