@@ -1,7 +1,6 @@
-"""From a run to the schedules of its coordinators: for each agent its tasks, and the gaps in which
-it waits. Pure.
+"""Build the schedules of a run's coordinators: the tasks of each agent, and the gaps between them.
 
-Times are seconds since the coordinator's first task began.
+Times are seconds since the start of the coordinator's first task.
 """
 
 from collections.abc import Iterator
@@ -32,17 +31,17 @@ LEGEND: dict[str, str] = {
 
 
 def schedules(run: Run, name: str) -> list[Chart]:
-    """The schedules of all coordinators of the run *name* that have begun a task."""
-    made = [(task, _schedule(run, record)) for task, record in coordinators(run)]
-    found = [(task, one) for task, one in made if one]
-    for task, one in found:
-        one.title = f"{name}, {task}" if len(found) > 1 else name
-    return [one for _, one in found]
+    """Return the schedules of all coordinators of the run *name* that have started a task."""
+    built = [(task, _schedule(run, record)) for task, record in coordinators(run)]
+    found = [(task, chart) for task, chart in built if chart]
+    for task, chart in found:
+        chart.title = f"{name}, {task}" if len(found) > 1 else name
+    return [chart for _, chart in found]
 
 
-def heading(one: Chart, longest: float) -> str:
-    """``free: 20 s, 65%``."""
-    return f"{one.title}: {duration(one.end)}, {percent(one.end / longest)}"
+def heading(chart: Chart, longest: float) -> str:
+    """Return ``free: 20 s, 65%``."""
+    return f"{chart.title}: {duration(chart.end)}, {percent(chart.end / longest)}"
 
 
 def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
@@ -56,8 +55,9 @@ def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
     boxes = {one.id: _box(run, one, spans[one.id], start) for one in begun}
     rows = []
     for agent in record.chart.agents:
-        whose = [boxes[one.id] for one in begun if f"+{agent}+" in f"+{one.agent}+"]
-        rows.append(ResourceRow(agent, handled=[*whose, *_gaps(whose, seconds)]))
+        # A task of several agents ("base+arm") is in the row of each.
+        own = [boxes[one.id] for one in begun if f"+{agent}+" in f"+{one.agent}+"]
+        rows.append(ResourceRow(agent, handled=[*own, *_gaps(own, seconds)]))
         rows[-1].lay_out(0.0, seconds)
     notes = [printable(str(why)) for why in record.late()]
     return Chart(0.0, seconds, rows, [], notes=notes)
@@ -69,14 +69,14 @@ def _box(run: Run, one: SentByCoordinator, span: Span, zero: float) -> Bar:
     words = "undo " * (one.role() is TaskRole.RESTORING) + task.name
     words += f"({values})" * bool(values)
     title = partial(_title, task, one, start, end)
-    box = Bar(words, start, end, title, is_open=not task.has_ended, brief=values)
+    box = Bar(words, start, end, title, is_open=not task.has_ended, short_label=values)
     if one.is_early:
-        box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted
+        box.early_until, box.is_wasted = one.entered - zero, one.is_wasted
     return box
 
 
 def _values(task: Task) -> str:
-    """Its data in brief: ``box B, 0.5``."""
+    """Return the data of a task in short: ``box B, 0.5``."""
     data = plain_data(task.body)
     if data is None:
         return ""
@@ -85,7 +85,7 @@ def _values(task: Task) -> str:
 
 
 def _title(task: Task, one: SentByCoordinator, start: float, end: float) -> str:
-    """``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.800 s to 1.005 s``."""
+    """Return ``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.8 s to 1 s``."""
     standing = STANDINGS.get(one.role(), "")
     return (
         f"{task} for the state '{one.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
@@ -93,7 +93,7 @@ def _title(task: Task, one: SentByCoordinator, start: float, end: float) -> str:
 
 
 def _gaps(boxes: list[Bar], seconds: float) -> Iterator[Bar]:
-    """The times at which an agent has no task."""
+    """Yield the spans in which an agent has no task."""
     last = 0.0
     for start, end in [*sorted((box.start, box.end) for box in boxes), (seconds, seconds)]:
         if start > last:

@@ -255,7 +255,7 @@ def all_of_a_chart(drawing: Chart) -> Iterator[str]:
             )
             yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
             yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
-            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
+            yield from [f"    {bar.reason(200)}"] * (bar.why is not None)
 
 
 def trace_of(run: Run) -> Read:

@@ -232,4 +232,4 @@ def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> 
 def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
     result = tca("schedule", run)
     assert result.exit_code == 1
-    assert "run: no coordinator has begun a task in this run" in result.stderr
+    assert "run: no coordinator has started a task in this run" in result.stderr
