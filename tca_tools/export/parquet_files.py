@@ -36,8 +36,9 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
 
 
 def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
-    """A column. Journals have integers up to 2^64: what has no room in it becomes the largest one
-    that has.
+    """Return a column; integers that are too large for it become the largest possible one.
+
+    Journals have integers up to 2^64.
     """
     try:
         return pa.array(values, kind)
