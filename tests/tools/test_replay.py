@@ -244,7 +244,10 @@ def test_search_finds_failures_and_goes_on_from_the_start() -> None:
         await player.ask("slash", "Leg 4 met")
         assert (player.time, player.app.selected) == (4.5, 7)
         await player.ask("slash", "take")
-        assert (player.app.selected, "search continued from the start" in player.heading) == (2, True)
+        assert (player.app.selected, "search continued from the start" in player.heading) == (
+            2,
+            True,
+        )
         await player.press("N")
         assert (player.app.selected, "search continued from the end" in player.heading) == (4, True)
         await player.press("home")
