@@ -26,8 +26,8 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
     """Write one table."""
     schema = pa.schema([(name, _TYPES[kind]) for name, kind in table.columns.items()])
     with parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-        found = table.rows(run)
-        while rows := list(islice(found, _ROWS_IN_A_GROUP)):
+        all_rows = table.rows(run)
+        while rows := list(islice(all_rows, _ROWS_IN_A_GROUP)):
             columns = [
                 _column(column, kind)
                 for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)

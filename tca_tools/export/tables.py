@@ -42,7 +42,7 @@ class Table:
         self.name = name
         self.columns = {
             column: ColumnType(word)
-            for column, _, word in (one.partition(":") for one in columns.split())
+            for column, _, word in (column_text.partition(":") for column_text in columns.split())
         }
         self.rows = rows
 
@@ -78,17 +78,17 @@ def _messages(run: Run) -> Iterator[TableRow]:
 
 
 def _failures(run: Run) -> Iterator[TableRow]:
-    for one in all_failures(run):
+    for raised in all_failures(run):
         yield (
-            one.message.id,
-            one.message.name,
-            one.time,
-            one.failure.name,
-            one.failure.words or None,
-            one.by or None,
-            _delivery(one.asker),
-            str(fate(run, one.message, one.time)),
-            went_on(run, one.message, one.time),
+            raised.message.id,
+            raised.message.name,
+            raised.time,
+            raised.failure.name,
+            raised.failure.words or None,
+            raised.by or None,
+            _delivery(raised.asker),
+            str(fate(run, raised.message, raised.time)),
+            went_on(run, raised.message, raised.time),
         )
 
 
@@ -162,7 +162,7 @@ def _waits(run: Run) -> Iterator[TableRow]:
     found += [
         (0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits
     ]
-    for number, wait in sorted(found, key=lambda one: one[1].start):
+    for number, wait in sorted(found, key=lambda pair: pair[1].start):
         if wait.kind is not WaitKind.RUNNING:
             is_other = wait.kind not in (
                 WaitKind.RESOURCE,
@@ -198,16 +198,16 @@ def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
 
 
 def _drops(run: Run) -> Iterator[TableRow]:
-    for one in run.drops:
+    for drop in run.drops:
         yield (
-            one.time,
-            one.message_id or None,
-            one.name or None,
-            one.is_copy,
-            one.number,
-            str(one.dropping) or None,
-            one.why,
-            one.sender or None,
+            drop.time,
+            drop.message_id or None,
+            drop.name or None,
+            drop.is_copy,
+            drop.number,
+            str(drop.dropping) or None,
+            drop.why,
+            drop.sender or None,
         )
 
 

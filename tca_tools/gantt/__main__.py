@@ -78,9 +78,9 @@ def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
     check_modules(run, asked.modules)
     rows = frozenset(asked.modules) if asked.modules else None
     if story:
-        one = one_task(run, story)
-        wanted = messages_of(run, subtree(run, [one]))
-        context, life = waited_for(run, one, wanted), _life(run, run.tasks[one])
+        number = one_task(run, story)
+        wanted = messages_of(run, subtree(run, [number]))
+        context, life = waited_for(run, number, wanted), _life(run, run.tasks[number])
         return Pick(rows, wanted, context, wanted, *life)
     if asked.task is not None:
         return Pick(rows, messages_of(run, subtree(run, tasks_called(run, asked.task))))

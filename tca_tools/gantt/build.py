@@ -205,14 +205,14 @@ class _RowBuilder:
         if task is None or not (failures or task.life):
             return []
         marks = []
-        for one in failures:
-            ending = Ending.COPED if went_on(run, task, one.time) else Ending.FAILED
-            marks.append(Mark(one.time, ending, titles.raised(run, task, one)))
-        changes = (one for one in task.life if one.effect is not Effect.RESULT)
+        for failure in failures:
+            ending = Ending.COPED if went_on(run, task, failure.time) else Ending.FAILED
+            marks.append(Mark(failure.time, ending, titles.raised(run, task, failure)))
+        changes = (change for change in task.life if change.effect is not Effect.RESULT)
         marks += [Mark(one.time, Ending.NONE, titles.changed(task, one)) for one in changes]
-        starts = [one.start for one in (*task.handlings, *task.queueings)]
+        starts = [span.start for span in (*task.handlings, *task.queueings)]
         after = min((start for start in starts if start > bar.start), default=inf)
-        return [one for one in marks if bar.start <= one.time < after]
+        return [mark for mark in marks if bar.start <= mark.time < after]
 
     # --- held and suspended tasks -----------------------------------------------------------------
 
@@ -253,11 +253,11 @@ class _RowBuilder:
         for since, until in pairwise([*stops, end]):
             if since > self.end or until < self.start:
                 continue
-            some = [wait for wait in waits if wait.start <= since < wait.end]
+            current = [wait for wait in waits if wait.start <= since < wait.end]
             bar = self._task_bar(BarKind.HELD, task, since, until)
-            bar.title = partial(titles.held, self.run, task, since, bar.ended_at, some)
+            bar.title = partial(titles.held, self.run, task, since, bar.ended_at, current)
             name_of_waiter = "" if bars else f"{task}: "
-            bar.why = partial(titles.why_held, self.run, name_of_waiter, since, some)
+            bar.why = partial(titles.why_held, self.run, name_of_waiter, since, current)
             bar.lane_leader = bars[0] if bars else None
             bars.append(bar)
         return bars

@@ -64,14 +64,14 @@ class Painter:
         for start, end in row.connected:
             if self._chart.shows(start, end):
                 yield rectangle(_CONNECTED, x(start), top - 3, x(end), height + 6)
-        for one in row.claims:
-            if self._chart.shows(one.start, one.end):
-                left, look = x(one.start), f'class="{one.kind}"'
-                right = max(x(one.end), left + _SMALLEST)
-                yield rectangle(look, left, top - 5, right, height + 10, one.title())
-                free = row.handled[bisect_left(row.handled, one.start, key=_START) :]
+        for claim in row.claims:
+            if self._chart.shows(claim.start, claim.end):
+                left, look = x(claim.start), f'class="{claim.kind}"'
+                right = max(x(claim.end), left + _SMALLEST)
+                yield rectangle(look, left, top - 5, right, height + 10, claim.title())
+                free = row.handled[bisect_left(row.handled, claim.start, key=_START) :]
                 room = min([right, *(x(bar.start) for bar in free[:1])])
-                owner = f"{one.kind} by {one.name}"
+                owner = f"{claim.kind} by {claim.name}"
                 yield from self._words(owner, "in", (left, room), top + _LANE / 2 + 4)
 
     def bars(self, row: ResourceRow, top: float) -> Iterator[str]:
@@ -185,7 +185,7 @@ class Painter:
         """
         parts = enumerate(pairwise(edges))
         width, start, is_light = max((b - a, a, number % 2) for number, (a, b) in parts)
-        fitting = [one for one in bar.labels if _text_width(one) < width]
+        fitting = [label for label in bar.labels if _text_width(label) < width]
         name = (fitting or [*bar.labels[-1:], ""])[0]
         kind = "in" if is_light or bar.is_context else "on"
         yield from self._words(name, kind, (start, start + width), y + _BAR / 2 + 4)

@@ -40,8 +40,8 @@ def handled(run: Run, handling: Handling) -> str:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
         title += _with_what(run, handling)
-        told = told_to(run, failing(run, handling), handling.end or run.time)
-        title += f", {told}" if told else ""
+        notice = told_to(run, failing(run, handling), handling.end or run.time)
+        title += f", {notice}" if notice else ""
     return title
 
 
@@ -66,10 +66,10 @@ def _words_or_data(failure: Failure, data: bytes) -> str:
 
 def raised(run: Run, task: Task, failure: Raised) -> str:
     """Return ``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
-    told = told_to(run, task, failure.time)
+    notice = told_to(run, task, failure.time)
     text = _words_or_data(failure.failure, task.was("failure_data", failure.time))
     title = f"{task} failed at {run_time(failure.time)}: {text}{raised_by(failure.by)}"
-    return title + (f", {told}" if told else "")
+    return title + (f", {notice}" if notice else "")
 
 
 def changed(task: Task, change: LifeChange) -> str:
@@ -96,8 +96,8 @@ def queued(run: Run, queueing: Queueing) -> str:
 
 def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
     """Return ``take steps {2} suspended by user from ...``."""
-    begun = [one for one in task.suspensions if one.start <= start]
-    current = [one for one in begun if one.end is None or start < one.end]
+    begun = [span for span in task.suspensions if span.start <= start]
+    current = [span for span in begun if span.end is None or start < span.end]
     by = by_whom(current[0].by) if current else ""
     return f"{task} suspended{by} {_span(run, start, end)}"
 

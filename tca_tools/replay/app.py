@@ -249,7 +249,7 @@ class Replay(App[None]):
         rows = self.query_one(TreePane).rows
         for row in rows:
             if row.task and row.task.id == self.selected:
-                below = [one.task for one in rows if one.parent == row.number]
+                below = [other.task for other in rows if other.parent == row.number]
                 self._opened[self.selected] = not any(below)
                 self._select(self.selected)
                 return

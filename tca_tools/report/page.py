@@ -85,7 +85,7 @@ def _whole_texts(cases: list[Case]) -> list[tuple[str, list[str]]]:
     for case in cases:
         if cut(first_line(case.text), _LONGEST_FAILURE) != case.text:
             texts.setdefault(case.text, case.of)
-    return [(of, text.expandtabs(4).splitlines()) for text, of in texts.items()]
+    return [(message, text.expandtabs(4).splitlines()) for text, message in texts.items()]
 
 
 def _clock(began: float | None, time: float) -> str:

@@ -46,32 +46,32 @@ def heading(chart: Chart, longest: float) -> str:
 
 def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
     sent = record.tasks.values()
-    spans = {one.id: span for one in sent if (span := worked(run, run.tasks[one.id]))}
+    spans = {task.id: span for task in sent if (span := worked(run, run.tasks[task.id]))}
     if not spans:
         return None
     start = min(start for start, _ in spans.values())
     seconds = max(end for _, end in spans.values()) - start
-    begun = [one for one in sent if one.id in spans]
-    boxes = {one.id: _box(run, one, spans[one.id], start) for one in begun}
+    begun = [task for task in sent if task.id in spans]
+    boxes = {task.id: _box(run, task, spans[task.id], start) for task in begun}
     rows = []
     for agent in record.chart.agents:
         # A task of several agents ("base+arm") is in the row of each.
-        own = [boxes[one.id] for one in begun if f"+{agent}+" in f"+{one.agent}+"]
+        own = [boxes[task.id] for task in begun if f"+{agent}+" in f"+{task.agent}+"]
         rows.append(ResourceRow(agent, handled=[*own, *_gaps(own, seconds)]))
         rows[-1].lay_out(0.0, seconds)
     notes = [printable(str(why)) for why in record.late()]
     return Chart(0.0, seconds, rows, [], notes=notes)
 
 
-def _box(run: Run, one: SentByCoordinator, span: Span, zero: float) -> Bar:
-    task, start, end = run.tasks[one.id], span[0] - zero, span[1] - zero
+def _box(run: Run, sent: SentByCoordinator, span: Span, zero: float) -> Bar:
+    task, start, end = run.tasks[sent.id], span[0] - zero, span[1] - zero
     values = _values(task)
-    words = "undo " * (one.role() is TaskRole.RESTORING) + task.name
+    words = "undo " * (sent.role() is TaskRole.RESTORING) + task.name
     words += f"({values})" * bool(values)
-    title = partial(_title, task, one, start, end)
+    title = partial(_title, task, sent, start, end)
     box = Bar(words, start, end, title, is_open=not task.has_ended, short_label=values)
-    if one.is_early:
-        box.early_until, box.is_wasted = one.entered - zero, one.is_wasted
+    if sent.is_early:
+        box.early_until, box.is_wasted = sent.entered - zero, sent.is_wasted
     return box
 
 
@@ -84,11 +84,11 @@ def _values(task: Task) -> str:
     return printable(", ".join(map(str, values)))
 
 
-def _title(task: Task, one: SentByCoordinator, start: float, end: float) -> str:
+def _title(task: Task, sent: SentByCoordinator, start: float, end: float) -> str:
     """Return ``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.8 s to 1 s``."""
-    standing = STANDINGS.get(one.role(), "")
+    standing = STANDINGS.get(sent.role(), "")
     return (
-        f"{task} for the state '{one.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
+        f"{task} for the state '{sent.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
     )
 
 

@@ -99,8 +99,8 @@ def _plain(name: str, measured: Stats) -> dict[str, Any]:
         "busy_to": measured.busy_in[1],
         "deadlocks": measured.deadlocks,
         "messages": [
-            {**_row(one), "rate": one.sent / seconds if seconds else None}
-            for one in measured.messages
+            {**_row(stats), "rate": stats.sent / seconds if seconds else None}
+            for stats in measured.messages
         ],
         "resources": [_row(stats) for stats in measured.resources],
     }

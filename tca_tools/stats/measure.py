@@ -29,7 +29,7 @@ class Times:
 
     def is_at_least(self, seconds: float) -> bool:
         """Whether a percentile of *seconds* may grow, as a duration up to it has not ended."""
-        return any(one <= seconds for one in self.open_times)
+        return any(time <= seconds for time in self.open_times)
 
     def percentile(self, share: float) -> float | None:
         """Return the percentile *share* (0 to 100) of the sorted durations; None without any."""
@@ -190,7 +190,7 @@ def _is_open(run: Run, message: Message) -> bool:
     """
     if message.message_class.fans_out and not message.message_class.has_reply:
         handlings = *run.copies.get(message.id, ()), *message.handlings
-        return any(one.end is None for one in handlings)
+        return any(handling.end is None for handling in handlings)
     if message.handlings:
         return message.handlings[-1].end is None
     return not message.failure

@@ -108,7 +108,7 @@ class Messages:
         return len(self._seen)
 
     def __contains__(self, seen: object) -> bool:
-        return any(seen is one or seen == one for one in self._seen)
+        return any(seen is known or seen == known for known in self._seen)
 
     def __getitem__(self, place: object) -> NoReturn:
         raise TypeError(
@@ -179,9 +179,13 @@ class World:
             hold.constraint for hold in self._known.items[keys[task.id]].holds if hold.due is None
         ]
         return [
-            (one.after.moment, one.before.moment, self._seen.get(one.before.task))
-            for one in constraints
-            if not one.delay
+            (
+                constraint.after.moment,
+                constraint.before.moment,
+                self._seen.get(constraint.before.task),
+            )
+            for constraint in constraints
+            if not constraint.delay
         ]
 
     @property
@@ -216,9 +220,9 @@ class World:
 def describe_breach(breach: Breach) -> str:
     """Return the error in words, and its messages with their ids."""
     names = ", ".join(
-        f"{one.message} {{{int(one.id._number)}}}"  # noqa: SLF001
-        if isinstance(one, Seen)
-        else str(one)
-        for one in breach.messages
+        f"{message.message} {{{int(message.id._number)}}}"  # noqa: SLF001
+        if isinstance(message, Seen)
+        else str(message)
+        for message in breach.messages
     )
     return ": ".join(part for part in (breach.what, names) if part)

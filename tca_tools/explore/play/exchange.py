@@ -238,7 +238,9 @@ class Exchange:
                 )
         formats = [message.format for message in step.declares]
         new = [
-            one for one in formats if one.name not in registry or registry[one.name].format != one
+            declared
+            for declared in formats
+            if declared.name not in registry or registry[declared.name].format != declared
         ]
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
@@ -330,7 +332,9 @@ class Exchange:
     def _on_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         accepts = any(
-            one.accepts for one in line.run.module.formats if one.message == header.message
+            handler.accepts
+            for handler in line.run.module.formats
+            if handler.message == header.message
         )
         given = steps.HandlerInput(body, bool(header.task), accepts)
         actor = Actor(program, given, header.delivery, header.task)
@@ -404,10 +408,10 @@ def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:
 
 def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
     return [
-        (actor, one)
+        (actor, request)
         for actor in line.actors
-        for one in actor.requests.values()
-        if one.number == number
+        for request in actor.requests.values()
+        if request.number == number
     ]
 
 

@@ -65,7 +65,7 @@ def renamed(value: Any, rename: Rename) -> Any:
     It is not called for 0. The ids 0 and -1 stand for the root and the task that is being sent.
     """
     if type(value) is list:
-        return [renamed(one, rename) for one in value]
+        return [renamed(item, rename) for item in value]
     if not isinstance(value, msgspec.Struct):
         return value
     changes = {}

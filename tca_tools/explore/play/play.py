@@ -260,12 +260,12 @@ class Play(Exchange):
 
         Modules that wait for each other or have a choice continue in the run.
         """
-        moved = True
-        while moved:
-            moved = False
+        has_moved = True
+        while has_moved:
+            has_moved = False
             for run in self.runs.values():
                 while self._start_further(run):
-                    moved = True
+                    has_moved = True
 
     def _start_further(self, run: ModuleRun) -> bool:
         """Take the next step of a module that joins before the run.
@@ -418,7 +418,7 @@ def waiters(play: Play) -> list[Waiter]:
 def still_waiting(before: Sequence[Waiter], play: Play) -> tuple[int, ...]:
     """Return, for each earlier waiter, its place among those of now; -1 if it no longer waits."""
     now = waiters(play)
-    return tuple(now.index(one) if one in now else -1 for one in before)
+    return tuple(now.index(waiter) if waiter in now else -1 for waiter in before)
 
 
 def _is_waiting(task: MessageRecord) -> bool:

@@ -59,12 +59,12 @@ def _step(play: Play, action: Action) -> str:
     actor = line.actor
     assert actor is not None
     branch = actor.branches[action.index]
-    found = [
+    decisions = [
         f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, "
         for got in branch.decisions
     ]
     step = _step_in_words(play, actor, branch.step)
-    return f"{_actor_name(line, actor, play)} {''.join(found)}{step}"
+    return f"{_actor_name(line, actor, play)} {''.join(decisions)}{step}"
 
 
 def _receive(play: Play, action: Action) -> str:

@@ -10,12 +10,12 @@ from tca_tools.explore.errors import ScenarioError
 
 
 @contextmanager
-def as_scenario_error(what: str = "") -> Iterator[None]:
+def as_scenario_error(subject: str = "") -> Iterator[None]:
     """Convert the library's MisuseError into a ScenarioError about *what*."""
     try:
         yield
     except MisuseError as error:
-        raise ScenarioError(f"{what}: {error}" if what else str(error)) from None
+        raise ScenarioError(f"{subject}: {error}" if subject else str(error)) from None
 
 
 def check(call: str, kind: checks.ArgumentKind, **values: Any) -> None:

@@ -51,14 +51,18 @@ class ScenarioModule:
         requires: Collection[Message[Any, Any]],
     ) -> None:
         check("module()", checks.NAME, name=name)
-        what = f"module '{name}'"
-        check(what, checks.CAPACITY, capacity=capacity)
-        check(what, checks.AMOUNT, may_be_lost=may_be_lost)
+        owner = f"module '{name}'"
+        check(owner, checks.CAPACITY, capacity=capacity)
+        check(owner, checks.AMOUNT, may_be_lost=may_be_lost)
         check(
-            what, checks.FLAG, comes_back=comes_back, may_leave=may_leave, arrives_late=arrives_late
+            owner,
+            checks.FLAG,
+            comes_back=comes_back,
+            may_leave=may_leave,
+            arrives_late=arrives_late,
         )
-        check(what, checks.AMOUNT.or_none(), prefetch=prefetch)
-        check(what, checks.MESSAGES, requires=requires)
+        check(owner, checks.AMOUNT.or_none(), prefetch=prefetch)
+        check(owner, checks.MESSAGES, requires=requires)
         self.name, self.prefetch = name, prefetch
         self.may_be_lost, self.comes_back = may_be_lost, comes_back
         self.may_leave, self.arrives_late = may_leave, arrives_late
@@ -276,9 +280,9 @@ class Scenario:
         """Return, by message, the number of its group: messages that may wait for one resource."""
         groups = {name: number for number, name in enumerate(self.messages())}
         for module in self.modules.values():
-            for one, other in combinations(module.formats, 2):
-                if one.resource == other.resource:
-                    old, new = groups[one.message], groups[other.message]
+            for first, second in combinations(module.formats, 2):
+                if first.resource == second.resource:
+                    old, new = groups[first.message], groups[second.message]
                     groups = {
                         name: new if group == old else group for name, group in groups.items()
                     }
@@ -311,17 +315,17 @@ class Scenario:
 
 def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
     """Return *properties*; raise ScenarioError if one is not a property of states."""
-    found = tuple(properties)
-    for one in found:
-        if not isinstance(one, Property):
+    checked = tuple(properties)
+    for prop in checked:
+        if not isinstance(prop, Property):
             raise ScenarioError(
-                f"{one!r:.60} is not a property: use never(...), before(...), never_stuck(), ..."
+                f"{prop!r:.60} is not a property: use never(...), before(...), never_stuck(), ..."
             )
-        if isinstance(one, CasesProperty):
+        if isinstance(prop, CasesProperty):
             raise ScenarioError(
-                f"'{one}' counts the cases of a whole run: check it with tca check, on a journal"
+                f"'{prop}' counts the cases of a whole run: check it with tca check, on a journal"
             )
-    return found
+    return checked
 
 
 def _task(message: Message[Any, Any], call: str) -> Message[Any, Any]:

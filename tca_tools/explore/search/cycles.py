@@ -47,12 +47,12 @@ def judge(
     *states* are all states of the scenario, nearest first.
     """
     places = {id(state): place for place, state in enumerate(states)}
-    for number, one in enumerate(properties):
-        is_stuck = isinstance(one, NeverStuck)
+    for number, prop in enumerate(properties):
+        is_stuck = isinstance(prop, NeverStuck)
         cycle = _fair_cycle(
             _waiting_graph(states, places)
             if is_stuck
-            else _owed_graph(states, places, number, one),
+            else _owed_graph(states, places, number, prop),
             states,
         )
         if cycle is None:
@@ -64,17 +64,17 @@ def judge(
             waiter = waiter_in_words(play, waiters(play)[start.waiter])
             why = f"this cycle can repeat forever, with this waiting throughout:\n{waiter}"
         return Violation(
-            str(one), why, states[start.state].actions(), tuple(way.action for way in ways)
+            str(prop), why, states[start.state].actions(), tuple(way.action for way in ways)
         )
     return None
 
 
 def _owed_graph(
-    states: list[SearchState], places: dict[int, int], number: int, one: Property
+    states: list[SearchState], places: dict[int, int], number: int, prop: Property
 ) -> Graph:
     """Return the states in which a property is owed, and the ways between them."""
     nodes = {
-        _Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])
+        _Node(place) for place, state in enumerate(states) if prop.is_owed(state.memories[number])
     }
     return {
         node: [
@@ -89,14 +89,14 @@ def _owed_graph(
 def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
     """Return the waiters in each state, and the ways after which they still wait."""
     return {
-        _Node(place, one): [
-            _Edge(way, _Node(places[id(way.to)], way.new_places[one]))
+        _Node(place, waiter): [
+            _Edge(way, _Node(places[id(way.to)], way.new_places[waiter]))
             for way in state.ways
-            if way.new_places[one] >= 0
+            if way.new_places[waiter] >= 0
         ]
         for place, state in enumerate(states)
         if state.ways
-        for one in range(len(state.ways[0].new_places))
+        for waiter in range(len(state.ways[0].new_places))
     }
 
 

@@ -145,7 +145,7 @@ class _Exploration:
             [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         )
         vacuous_properties = tuple(
-            f"'{one}': '{words_of(one.case)}' is never true" for one in vacuous
+            f"'{prop}': '{words_of(prop.case)}' is never true" for prop in vacuous
         )
         return Result(
             self.scenario,
@@ -162,7 +162,7 @@ class _Exploration:
 
     def _judge_cycles(self, states: list[SearchState]) -> Violation | None:
         """Return a violation by a run that never ends."""
-        if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
+        if not any(isinstance(prop, NeverStuck) or prop.may_be_owed for prop in self.properties):
             return None
         # Only with names can a waiter be followed from state to state.
         if not self.detail.names:
@@ -256,19 +256,19 @@ class _Exploration:
         places = {message: place for place, message in enumerate(order)}
         world = World(play.world, places, play.taken, self._require_time)
         memories = []
-        for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
+        for number, (prop, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:
-                remembered, breach = one.seen(world, memory)
+                remembered, breach = prop.seen(world, memory)
                 if number in self.without_case and (
-                    one.case is None or world.true_of(one.case).is_true
+                    prop.case is None or world.true_of(prop.case).is_true
                 ):
                     self.without_case.discard(number)
             except Exception as error:
                 raise ScenarioError(
-                    f"property '{one}' can't be asked: {type(error).__name__}: {error}"
+                    f"property '{prop}' can't be asked: {type(error).__name__}: {error}"
                 ) from error
             if breach:
-                return Violation(str(one), describe_breach(breach), state.actions())
+                return Violation(str(prop), describe_breach(breach), state.actions())
             memories.append(remembered)
         state.memories = tuple(memories)
         return None
@@ -281,15 +281,15 @@ class _Exploration:
     def _judge_end(self, state: SearchState, play: Play) -> Violation | None:
         """Return the violation of a run that ends in this state."""
         left = "".join(f"\n{line}" for line in unfinished(play))
-        for one, memory in zip(self.properties, state.memories, strict=True):
+        for prop, memory in zip(self.properties, state.memories, strict=True):
             breach = ""
-            if isinstance(one, NeverStuck) and left:
+            if isinstance(prop, NeverStuck) and left:
                 breach = f"with this left:{left}"
-            elif one.is_owed(memory):
-                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used_messages))
+            elif prop.is_owed(memory):
+                left += "".join(f"\n{words}" for words in _unknown_names(prop, self.used_messages))
                 breach = f"and it never happened{left}"
             if breach:
-                return Violation(str(one), f"the run may end here, {breach}", state.actions())
+                return Violation(str(prop), f"the run may end here, {breach}", state.actions())
         return None
 
 
@@ -312,11 +312,11 @@ def _longest_run(states: list[SearchState]) -> int | None:
 
 def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
     """Raise ScenarioError if a property names a module that the scenario does not have."""
-    for one in properties:
-        for named in one.named:
+    for prop in properties:
+        for named in prop.named:
             if named.module and named.module.partition("#")[0] not in scenario.modules:
                 raise ScenarioError(
-                    f"property '{one}': scenario '{scenario.title}' has no module "
+                    f"property '{prop}': scenario '{scenario.title}' has no module "
                     f"'{named.module}'; "
                     f"{nearest_or_all(named.module, scenario.modules)}"
                 )
@@ -328,9 +328,9 @@ def _check_message_names(
     """Raise ScenarioError if the name of a message is not among *used_messages*."""
     calls = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
     missing = [
-        f"property '{one}': {words}"
-        for one in properties
-        for words in _unknown_names(one, used_messages)
+        f"property '{prop}': {words}"
+        for prop in properties
+        for words in _unknown_names(prop, used_messages)
     ]
     missing += [
         f"{call}: {_missing(name, used_messages)}"
@@ -342,9 +342,9 @@ def _check_message_names(
         raise ScenarioError(f"it can't be judged: {missing[0]}")
 
 
-def _unknown_names(one: Property, used_messages: Collection[str]) -> Iterator[str]:
+def _unknown_names(prop: Property, used_messages: Collection[str]) -> Iterator[str]:
     """Return an error for each unknown message name in a property."""
-    names = dict.fromkeys(named.message for named in one.named if named.message)
+    names = dict.fromkeys(named.message for named in prop.named if named.message)
     return (_missing(name, used_messages) for name in names if name not in used_messages)
 
 

@@ -307,8 +307,8 @@ class _Walk:
         except OverflowError:  # MessagePack has no longer integers
             written = msgspec.msgpack.encode(
                 [
-                    hex(one) if type(one) is int and one.bit_length() > _WIDEST else one
-                    for one in self._out
+                    hex(value) if type(value) is int and value.bit_length() > _WIDEST else value
+                    for value in self._out
                 ]
             )
         return blake2b(written, digest_size=16).digest()
@@ -399,9 +399,11 @@ def _attributes(
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
     wanted = [
-        name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)
+        name
+        for name in (*slots, *names)
+        if not any(name in IGNORED.get(kind, ()) for kind in kinds)
     ]
-    special = {name: write for (one, name), write in SPECIAL.items() if one in kinds}
+    special = {name: write for (owner, name), write in SPECIAL.items() if owner in kinds}
     fetch = (
         attrgetter(*wanted)
         if len(wanted) > 1

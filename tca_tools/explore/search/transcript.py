@@ -40,7 +40,7 @@ def report(result: Result) -> str:
     return "\n".join(
         [
             f"{title}: good, {size}, {longest}",
-            *(f"  holds vacuously: {one}" for one in result.vacuous),
+            *(f"  holds vacuously: {text}" for text in result.vacuous),
         ]
     )
 

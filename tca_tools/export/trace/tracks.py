@@ -306,13 +306,13 @@ def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     stages: list[tuple[float, str]] = [
         (track.trace.nanoseconds(time), str(state)) for time, state in task.states
     ]
-    found = []
+    stages_with_events = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
         if start < end:
             stage = TraceSpan(int(start), None if end == inf else int(end))
-            found.append((stage, track.begin(stage, state, "state")))
-    return track.slices(found)
+            stages_with_events.append((stage, track.begin(stage, state, "state")))
+    return track.slices(stages_with_events)
 
 
 def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
