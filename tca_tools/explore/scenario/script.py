@@ -241,7 +241,7 @@ class Program:
                 return steps.Fail(BAD_DATA, str(error))
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
-            link.settle()
+            link.raise_refusals()
             return self._result_step(script, result)
         except (FailureRaised, Reissued) as error:
             return _end_step(*failed(steps.HERE, error))

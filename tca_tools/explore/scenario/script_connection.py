@@ -327,7 +327,7 @@ class ScriptConnection:
         request.check(request.what)
         raise AssertionError
 
-    def settle(self) -> None:
+    def raise_refusals(self) -> None:
         """Raise the refusal of a task that the script has sent: it returns or continues."""
         self._sends.check(0)
         self._sends.check(steps.HERE)
@@ -430,7 +430,7 @@ class ScriptConnection:
         return bool(self.decide(SUSPENDED, ("not suspended", "suspended")))
 
     def _check_sends(self, header: Any) -> None:
-        self.settle()
+        self.raise_refusals()
         for number in numbers_in(header):
             if isinstance(number, SentId):
                 number.be_nameable(self)
