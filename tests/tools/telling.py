@@ -255,7 +255,7 @@ def all_of_a_chart(drawing: Chart) -> Iterator[str]:
             )
             yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
             yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
-            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
+            yield from [f"    {bar.reason(200)}"] * (bar.why is not None)
 
 
 def trace_of(run: Run) -> Read:
@@ -385,7 +385,7 @@ def figures(run: Run, at: float | None = None) -> list[str]:
         known = {name: getattr(one, name) for name in one.__slots__ if getattr(one, name)}
         counts = [f"{value} {name}" for name, value in known.items() if isinstance(value, int)]
         times = [
-            f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.going_on)} go on)' * bool(value.going_on)}"
+            f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.open_times)} go on)' * bool(value.open_times)}"
             for name, value in known.items()
             if isinstance(value, Times) and value.seconds
         ]
