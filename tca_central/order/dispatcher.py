@@ -1,8 +1,7 @@
-"""The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed
-slots on.
+"""The dispatcher brings deliveries to handlers: it chooses resources, and assigns free slots.
 
-Knows messages' handlers and resources' order; knows nothing of points and constraints. What it
-delivers it reports through the functions it is given.
+It knows messages' handlers and resources' order, but no points or constraints. It reports each
+delivery through ``Out``.
 """
 
 from collections import deque
@@ -25,19 +24,23 @@ from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
-"""Deliveries that may wait for one resource, or for a handler of one message, before informs are
-dropped and queries refused. Tasks count, but are never refused: they are in the tree anyway.
+"""Deliveries that may wait for one resource, or for any handler of one message.
+
+Beyond it informs are dropped and queries refused. Tasks count, but are never refused: they are in
+the tree anyway.
 """
 
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
-"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for
-a request.
+"""A wait that may close a cycle of waits.
+
+It is that of a queued message, for a claim whose holder has returned, or of a connection for an
+answer.
 """
 
 
 class Dispatcher(Stored):
-    """Every delivery between its start and its handler's return."""
+    """Every delivery from its arrival until its handler has returned."""
 
     __slots__ = (
         "_arrivals",
@@ -62,30 +65,26 @@ class Dispatcher(Stored):
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.messages_ahead = MessagesAhead(out, clock)
         self._arrivals = 0
-        self.is_holding = False  #: no task starts
-        self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
-        self.bytes = 0  #: held by what waits or is handled, and is no task
-        self.handlers = 0  #: number of all
-        self.changed: dict[
-            MessageType, int
-        ] = {}  #: messages that got or lost handlers -> how many served before
+        self.is_holding = False  #: after a restart: no task starts
+        self.running: dict[int, Delivery] = {}  #: by the number under which its handler has it
+        self.bytes = 0  #: held by deliveries, without tasks
+        self.handlers = 0  #: number of handlers of all messages
+        #: Messages that gained or lost handlers: number of handlers before.
+        self.changed: dict[MessageType, int] = {}
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Resources that may let in somebody, each with the slot whose handler has returned, if one
-        has.
-        """
-        self.granted: deque[ModuleClaim] = deque()  #: claims that have just got their resource
-        self.crowded: deque[Delivery] = (
-            deque()
-        )  #: tasks that have to wait for a handler with wishes
-        self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
-        self.stranded: deque[Delivery] = (
-            deque()
-        )  #: exception handlers that wait because nobody handles them any more
+        """Resources that may admit something, each with its slot that has become free, if any."""
+        self.granted: deque[ModuleClaim] = deque()  #: claims just granted
+        #: Tasks that wait for a handler which decides about them itself (``Handler.has_wishes``)
+        self.crowded: deque[Delivery] = deque()
+        #: Deliveries that gave way to newer ones, and why.
+        self.displaced: deque[tuple[Delivery, str]] = deque()
+        #: Exception handlers that wait although no handler is left.
+        self.stranded: deque[Delivery] = deque()
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
-        """Deliver, or queue until a slot of a resource that handles the message is free.
+        """Deliver a message, or queue it until a suitable slot is free.
 
-        *targets* are the resources that may take it; by default those of the message's newest
+        *targets* are the resources that may handle it; by default those of the message's newest
         handler and its pool.
         """
         if not delivery.arrival:
@@ -105,11 +104,12 @@ class Dispatcher(Stored):
             self._give_back(delivery, slot)
 
     def _give_back(self, delivery: Delivery, slot: Connection) -> None:
-        """Let a slot that waits for the answer handle the question itself."""
+        """Have a slot that waits for the answer handle the question itself, nested in its wait."""
         delivery.nested = True
         self._give(delivery, slot)
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        """Put a delivery into the queues of its resources."""
         delivery.queues = resources
         if not delivery.is_task:
             self._count_in(delivery, resources)
@@ -136,14 +136,15 @@ class Dispatcher(Stored):
                 self._keep_within(limit, delivery, resource)
 
     def _count_in(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
-        """A message that is no task waits; while no task starts, it goes before them."""
+        """Count a queued message that is not a task. While no task starts, it overtakes tasks."""
         self.bytes += DELIVERY_BYTES + len(question.body)
         if self.is_holding:
             self.to_offer.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
-        """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of
-        arrival.
+        """Deliver or queue several messages.
+
+        Free slots go by priority, then by arrival. The rest is queued in the order of arrival.
         """
         if len(deliveries) > 1:
             for delivery in deliveries:
@@ -155,11 +156,13 @@ class Dispatcher(Stored):
             self.route(delivery)
 
     def _arrive(self, one: Delivery | ModuleClaim) -> None:
+        """Number an arrival: the numbers decide among equal priorities."""
         if not one.arrival:
             self._arrivals += 1
             one.arrival = self._arrivals
 
     def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        """Deliver to a free slot. Return False if all are busy."""
         if self.is_holding and delivery.is_task:
             return False
         for resource in resources:
@@ -171,7 +174,7 @@ class Dispatcher(Stored):
     def _keep_within(
         self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource
     ) -> None:
-        """Queue within a pending limit: the longest waiting delivery above it is dropped."""
+        """Apply a pending limit: the delivery that has waited longest is displaced."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
             what, where = newest.message.name, resource.name
@@ -179,6 +182,7 @@ class Dispatcher(Stored):
             self.displaced.append((oldest, why))
 
     def _give(self, delivery: Delivery, slot: Connection, *, is_there: bool = False) -> None:
+        """Assign a delivery to a slot."""
         delivery.slot = slot
         self.running[delivery.given_as] = delivery
         if not delivery.is_task:
@@ -186,8 +190,10 @@ class Dispatcher(Stored):
         self._out.deliver(delivery, slot, is_there=is_there)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
-        """Note that a handler has returned, when, and after how many seconds by its own clock (0:
-        not known). Its slot is given on last, for what follows may kill or hold the next.
+        """Record that a handler has returned at *ended*.
+
+        *took* is the time by the handler's own clock (0: unknown). The slot is offered last,
+        because what follows may kill or hold the next message.
         """
         del self.running[delivery.given_as]
         if not delivery.is_task:
@@ -208,9 +214,7 @@ class Dispatcher(Stored):
             self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
-        """Let the first resource that may take the next message of its queue, or grant the next
-        claim on it.
-        """
+        """Let the first resource of ``to_offer`` admit its next message or claim."""
         resource, slot = self.to_offer.popleft()
         if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
@@ -224,23 +228,25 @@ class Dispatcher(Stored):
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
         elif resource.called_back and not resource.is_locked:
-            for delivery, sender in list(
-                resource.called_back.items()
-            ):  # no lock keeps its own questions out
+            # A slot that waits for an answer from its own resource would wait for itself.
+            for delivery, sender in list(resource.called_back.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
                     self._give_back(delivery, sender)
             resource.called_back.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
-        """The next that a resource lets in; while no task starts, questions go before them."""
+        """Return what a resource admits next.
+
+        While no task starts, only other messages are admitted.
+        """
         following = resource.next_queued()
         if self.is_holding and following is not None and following.is_task:
             return resource.next_question()
         return following
 
     def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
-        """Give a delivery that waits to a free slot, and send that ahead what follows."""
+        """Give a queued delivery to a free slot, and let the slot prefetch what follows."""
         slot = self._take_next(delivery, resource)
         if slot.resource is not None and not delivery.is_task:
             self.messages_ahead.fill(slot.resource)
@@ -248,6 +254,7 @@ class Dispatcher(Stored):
     def _take_next(
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
     ) -> Connection:
+        """Move a queued delivery to a free slot, which is returned."""
         slot, is_there, dropped = (
             resource.take_slot(),
             delivery in resource.ahead,
@@ -258,26 +265,28 @@ class Dispatcher(Stored):
         self._facts.extend(dropped or ())
         return slot
 
-    # --- messages ahead: see ahead.py -------------------------------------------------------------
+    # --- prefetched messages: see ahead.py --------------------------------------------------------
 
     def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
-        """The delivery of that number, which a slot that handles nothing has begun without being
-        told to.
+        """Return the prefetched delivery with that number, if an idle slot has begun it.
+
+        The slot does not wait for central: a request of its handler may arrive first.
         """
         resource, first = slot.resource, first_ahead(slot)
         if first is None or first.given_as != number or resource is None or not slot.has_room:
             return None
-        if self.to_offer and self.to_offer[-1] == (
-            resource,
-            slot,
-        ):  # as most: what it had before has just returned
+        # Usual case: the message before has just returned, and its slot was offered last.
+        if self.to_offer and self.to_offer[-1] == (resource, slot):
             self.to_offer.pop()
         resource.free_slot(slot)
         self._take_next(first, resource)
         return first
 
     def _take_all_back(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
-        """What a slot that is gone had ahead, out of its queue; but what nobody wants any more."""
+        """Return the prefetched deliveries of a disconnected slot, out of their queue.
+
+        Deliveries that were dropped in the meantime are left out.
+        """
         found = []
         for delivery in list(resource.ahead) if resource.ahead_at is slot else ():
             dropped = resource.take_back(delivery)
@@ -287,6 +296,7 @@ class Dispatcher(Stored):
         return found
 
     def _end_recall(self, resource: ModuleResource) -> None:
+        """Record that a recall is over, if one is in progress."""
         if resource.is_recalling:
             resource.is_recalling = False
             self._facts.append(Recalling(resource.module, resource.name, is_over=True))
@@ -294,9 +304,10 @@ class Dispatcher(Stored):
     def take_back(
         self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
     ) -> list[Delivery]:
-        """A slot gives back deliveries of these numbers, which wait as before; where it *is answer*
-        to a recall, it has begun what it keeps. Those that it is not to have again are returned,
-        out of their queue.
+        """Return prefetched deliveries to the queue.
+
+        In answer to a recall (*is_answer*), those that are not returned have begun. The result is
+        the deliveries that the slot must not get again: they are out of their queue.
         """
         resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
@@ -308,25 +319,25 @@ class Dispatcher(Stored):
             if one.given_as in numbers
         ]
         for delivery, dropped in given_back:
-            if dropped is not None:  # nobody wants it any more
+            if dropped is not None:  # dropped in the meantime
                 self.withdraw(delivery, dropped=dropped)
         left = [one for one, dropped in given_back if dropped is None]
         moved = [one for one in left if not is_handled_in(resource, one, slot.module)]
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
-            self.messages_ahead.recall(resource)  # what is under way comes after these
+            self.messages_ahead.recall(resource)  # later ones may be on their way to the slot
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
             if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
                 self._give_next(begun, resource)
-            if was_recalling:  # only now: what it had begun, it had begun before
+            if was_recalling:  # only now: the message above was begun before the recall ended
                 self._facts.append(Recalling(resource.module, resource.name, is_over=True))
         self.to_offer.append((resource, None))
         return moved
 
     def go_on(self, modules: Iterable[Module]) -> None:
-        """Let tasks start again."""
+        """Let tasks start again after a restart."""
         self.is_holding = False
         self.to_offer.extend(
             (resource, None) for module in modules for resource in module.resources.values()
@@ -335,7 +346,7 @@ class Dispatcher(Stored):
     # --- claims -----------------------------------------------------------------------------------
 
     def claim(self, claim: ModuleClaim) -> None:
-        """Let a claim wait for its turn."""
+        """Queue a claim."""
         self._arrive(claim)
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
@@ -344,16 +355,19 @@ class Dispatcher(Stored):
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: ModuleClaim) -> None:
-        """End a claim, given up or released: others may get in."""
+        """End a claim that was given up or released."""
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(
         self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()
     ) -> None:
-        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the
-        others for later. What a slot has ahead waits until that gives it back, or has begun it.
-        Then these facts are recorded.
+        """Take a delivery out of its queues, if it is in any.
+
+        Args:
+            keep_place: It keeps its place among the others if it is queued again.
+            dropped: Facts to record. If a slot has prefetched the delivery, they are recorded when
+                the slot has returned or begun it.
         """
         if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
             return
@@ -366,7 +380,7 @@ class Dispatcher(Stored):
         self._facts.extend(dropped)
 
     def _leave_queues(self, delivery: Delivery) -> None:
-        """A delivery waits no longer; a claim that was behind it may be the next now."""
+        """Remove a delivery from its queues. A claim behind it may be next now."""
         for resource in delivery.queues or ():
             if resource.claims or self.is_holding:
                 self.to_offer.append((resource, None))
@@ -376,9 +390,7 @@ class Dispatcher(Stored):
 
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
-        """Whether too much waits already where a message of this type (for these *targets* only)
-        would have to wait.
-        """
+        """Whether the queues for a message of this type (for *targets* only) are full."""
         if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
         for resource in targets or message.candidates:  # noqa: SIM110 - all() costs twice as much
@@ -386,20 +398,21 @@ class Dispatcher(Stored):
                 return False
         return True
 
-    # --- slots and handlers come and go -----------------------------------------------------------
+    # --- slots and handlers -----------------------------------------------------------------------
 
     def add_slot(self, slot: Connection, resource: ModuleResource) -> None:
-        """A connection offers to handle messages for a resource."""
+        """Add a connection that handles messages for a resource."""
         slot.resource = resource
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self.messages_ahead.recall(resource)  # what was to be handled next may be another's now
+        self.messages_ahead.recall(resource)  # the new slot may take some of them
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
-        """A connection is gone; the deliveries that it had (a nested one is newer than the one it
-        is nested in).
+        """Remove a disconnected slot. Return the deliveries that it had.
+
+        A nested delivery is newer than the one that it is nested in.
         """
         ahead: list[Delivery] = []
         if slot.resource is not None:
@@ -424,17 +437,18 @@ class Dispatcher(Stored):
         return orphans + ahead
 
     def _serve_all(self, slot: Connection, change: int) -> None:
-        """The handlers of a slot's resource can be called from now on, or no longer."""
+        """Adjust the number of serving handlers for all messages that a slot's resource handles."""
         for handler in slot.module.handlers.values():
             if handler.resource is slot.resource:
                 self._serve(handler.message, change)
 
     def _serve(self, message: MessageType, change: int) -> None:
+        """Adjust the number of serving handlers of a message."""
         self.changed.setdefault(message, message.serving)
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:
-        """Add a handler: it takes over the waiting deliveries of its message."""
+        """Add a handler. It takes over the waiting deliveries of its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.add_handler(handler)
@@ -447,10 +461,11 @@ class Dispatcher(Stored):
         self.route_all(queued)
 
     def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
-        """Remove handlers; what waited for them, out of its queues."""
+        """Remove handlers. Return what waited for them, out of its queues."""
         return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
+        """Remove one handler. Return what waited for it."""
         message = handler.message
         self.messages_ahead.recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
@@ -464,7 +479,7 @@ class Dispatcher(Stored):
         return queued
 
     def strand_all(self, messages: Iterable[MessageType]) -> None:
-        """List each exception handler that waits for a handler, now that a module is gone."""
+        """List each exception handler that has no handler left, after a module has disconnected."""
         waiting = (
             one for message in messages for one in message.waiting.values() if one.is_stranded
         )
@@ -474,8 +489,9 @@ class Dispatcher(Stored):
     def _take_queued(
         self, message: MessageType, only: ModuleResource | None = None
     ) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first, out of
-        their queues; but those that a slot has ahead.
+        """Take the waiting deliveries of a message (for one resource *only*) out of their queues.
+
+        They are returned, oldest first, without those that a slot has prefetched.
         """
         ahead = {
             one for resource in ([only] if only else _resources(message)) for one in resource.ahead
@@ -488,7 +504,7 @@ class Dispatcher(Stored):
 
     @staticmethod
     def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first."""
+        """Return the waiting deliveries of a message (for one resource *only*), oldest first."""
         resources = [only] if only else _resources(message)
         found = {
             d.id: d for resource in resources for d in resource.queued() if d.message is message
@@ -498,7 +514,7 @@ class Dispatcher(Stored):
 
 
 def _resources(message: MessageType) -> list[ModuleResource]:
-    """The resources in which a message is handled."""
+    """Return the resources in which a message is handled."""
     return list({handler.resource: None for handler in message.handlers})
 
 
@@ -507,7 +523,7 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
 
 
 def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
-    """Whether waiting messages will surely be handled: an unblocked handler is before them."""
+    """Whether an unblocked handler precedes the waiting messages, so that they are no suspects."""
     if resource.held_by is not None or resource.claims:
         return False
     for slot in resource.slots:  # any() costs twice as much
@@ -517,8 +533,9 @@ def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """The sender's own slot, if it blocks for this answer there. Its question ignores capacity and
-    reservations.
+    """Return the sender's own slot, if it blocks there for this answer.
+
+    Its nested question ignores capacity and reservations: else the slot would wait for itself.
     """
     sender = delivery.sender
     if (
