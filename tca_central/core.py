@@ -25,6 +25,7 @@ from tca_central.control import keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
+    AdminEvent,
     BadBytes,
     ConnectionId,
     ConnectionLost,
@@ -32,7 +33,6 @@ from tca_central.events import (
     Effect,
     Event,
     LimitsSet,
-    OfAll,
     PermissionsChanged,
     Record,
     RequestReceived,
@@ -94,17 +94,17 @@ class Central(State):
         self._outputs: tuple[tuple[Sized, Callable[[], None]], ...] = (
             _output(agenda.taps_to_fire, self._fire_before),
             _output(agenda.tap_events, lambda event: taps.fire_after(self, *event)),
-            _output(agenda.resumed, partial(monitors.go_on, self)),
-            _output(agenda.only_watched, partial(monitors.end_watchers, self)),
+            _output(agenda.resumed_monitors, partial(monitors.go_on, self)),
+            _output(agenda.left_with_watchers, partial(monitors.end_watchers, self)),
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
             _output(agenda.unanswered, partial(changes.decide_instead, self)),
             _output(agenda.ended_waits, self._on_reached),
             _output(self.dispatcher.granted, partial(claims.tell_granted, self)),
-            _output(self.dispatcher.crowded, partial(busy.on_crowded, self)),
+            _output(self.dispatcher.waiting_for_custom_handler, partial(busy.on_crowded, self)),
             _output(
                 self.dispatcher.displaced,
-                lambda displaced: replying.tell_displaced(self, *displaced),
+                lambda displaced: replying.report_displaced(self, *displaced),
             ),
             _output(self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
@@ -126,28 +126,28 @@ class Central(State):
         if event.time > clock.now:  # noqa: PLR1730 - max() costs as much as four calls
             clock.now = event.time
         while (timer := clock.pop_due()) is not None:
-            self._let_fire(timer, event.time, effects)
+            self._fire_timer(timer, event.time, effects)
         if isinstance(event, RequestReceived):
             self._receive(event, effects)
         elif isinstance(event, BadBytes | ConnectionLost):
-            self._on_line(event, effects)
+            self._on_connection_event(event, effects)
         elif not isinstance(event, Tick):
-            self._on_keeper(event, effects)
+            self._on_admin_event(event, effects)
         return effects
 
     # --- an event ---------------------------------------------------------------------------------
 
-    def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
+    def _fire_timer(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         """Handle a timer that is due."""
         self.events += 1
         due, subject = timer.due, timer.subject
         # The entry names the task or the claim.
         about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))
         TIMERS[due](self, cast("Never", subject))
-        self._settle()
+        self._process_all()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
 
-    def _on_line(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
+    def _on_connection_event(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
         """Handle the loss of a connection, or bytes from it that cannot be read."""
         self.events += 1
         cause: causes.Cause
@@ -160,15 +160,15 @@ class Central(State):
             joining.disconnect(self, connection, event.why, lost=True)
         else:
             return
-        self._settle()
+        self._process_all()
         self._report(effects, event.time, cause)
 
-    def _on_keeper(self, event: OfAll, effects: list[Effect]) -> None:
+    def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
         """Handle an event of the operator, or one that central itself raises for all modules."""
         self.events += 1
         if isinstance(event, TellAll):
-            for untold in list(self.untold):
-                self.tell_tasks(untold)
+            for connection in list(self.untold):
+                self.confirm_tasks(connection)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
         elif isinstance(event, LimitsSet):
@@ -181,7 +181,7 @@ class Central(State):
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
             direct_routes.bar_owners(self, event.revoked)
-        self._settle()
+        self._process_all()
         self._report(effects, event.time, causes.Keeper())
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
@@ -193,9 +193,9 @@ class Central(State):
         connection = self.registry.connections.get(event.connection)
         try:
             if connection is None:
-                connection = self._meet(event, number)
+                connection = self._admit_stranger(event, number)
             elif event.principal != connection.principal:
-                connection = self._take_place(connection, event, number)
+                connection = self._replace_stale_connection(connection, event, number)
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
@@ -204,9 +204,9 @@ class Central(State):
                 self._carry_out(connection, header, event.body, kind)
         except RequestError as error:
             if isinstance(header, headers.Send) and header.quiet and self.origin:
-                sending.note_refusal(self, header, error.text)
+                sending.record_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
-        self._settle()
+        self._process_all()
         module, place = _named(connection)
         self._report(
             effects, event.time, causes.Request(module, place, number, kind.name, self.origin)
@@ -239,7 +239,7 @@ class Central(State):
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
         """Return a request's origin, 0 if another module handles that delivery."""
-        asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(
+        asking = self.dispatcher.running.get(origin) or self.dispatcher.begin_prefetched(
             connection, origin
         )
         is_its = (
@@ -249,7 +249,7 @@ class Central(State):
         )
         return origin if is_its else 0
 
-    def _meet(self, event: RequestReceived, number: int) -> Connection | None:
+    def _admit_stranger(self, event: RequestReceived, number: int) -> Connection | None:
         """Handle a message of an unknown connection.
 
         Return the connection if the message was a hello.
@@ -260,7 +260,7 @@ class Central(State):
             self.messages.append(Transmit(event.connection, headers.Unknown(number)))
         return self.registry.connections.get(event.connection)
 
-    def _take_place(
+    def _replace_stale_connection(
         self, before: Connection, event: RequestReceived, number: int
     ) -> Connection | None:
         """Replace a connection whose id another user's connection now has.
@@ -268,13 +268,13 @@ class Central(State):
         The line of the known connection is broken, and central had not noticed.
         """
         joining.disconnect(self, before, "the line of somebody else has its name", lost=True)
-        return self._meet(event, number)
+        return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
         """Add the journal entry and the messages of the present event to its effects."""
         if self.facts:
             if self.blocked or self.claims:
-                deadlocks.note_event(self)
+                deadlocks.check_event(self)
             entry = facts.Entry(self.events, time, self.facts[:], cause)
             self.facts.clear()
             effects.append(Record(entry, self.failed) if self.failed else Record(entry))
@@ -312,7 +312,7 @@ class Central(State):
 
     # --- shared by the rules ----------------------------------------------------------------------
 
-    def _settle(self) -> None:
+    def _process_all(self) -> None:
         """Work until nothing changes.
 
         The branches are in order of precedence: each result is handled before more tasks are
@@ -320,10 +320,10 @@ class Central(State):
         """
         agenda, dispatcher = self.agenda, self.dispatcher
         while True:
-            if agenda.look_at:
-                agenda.settle()
+            if agenda.to_advance:
+                agenda.advance_all()
             if any(self._output_queues):
-                self._take_outputs()
+                self._handle_outputs()
             elif dispatcher.changed:
                 availability.tell_changes(self)
             elif agenda.startable:
@@ -335,11 +335,11 @@ class Central(State):
             else:
                 return
 
-    def _take_outputs(self) -> None:
+    def _handle_outputs(self) -> None:
         """Handle all items of the queues that are not empty."""
         # ``compress`` tests a queue when its turn comes: an earlier handler may have filled it.
-        for _, take_all in compress(self._outputs, self._output_queues):
-            take_all()
+        for _, handle_all in compress(self._outputs, self._output_queues):
+            handle_all()
 
     def _on_reached(self, reached: tuple[Task, Stored]) -> None:
         """End a wait for a moment that was reached."""
@@ -357,7 +357,7 @@ class Central(State):
         Moments that no listener holds are reached at once.
         """
         taps.fire_before(self, *tapped)
-        self.agenda.settle()
+        self.agenda.advance_all()
 
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
@@ -368,7 +368,7 @@ class Central(State):
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.requested and not task.killed]
         waiting.clear()
-        first = startable if len(startable) < 2 else _first_of(startable)
+        first = startable if len(startable) < 2 else _most_urgent(startable)
         if len(first) < len(startable):
             is_first = set(first)
             waiting.extend(task for task in startable if task not in is_first)
@@ -376,15 +376,15 @@ class Central(State):
             for task in first:
                 if not task.killed:  # one that fails at once may end others
                     if task.retrying:
-                        self._begin_again(task)
+                        self._start_attempt(task)
                     monitors.start(self, task)
             return
         for task in first:
             if task.retrying:
-                self._begin_again(task)
+                self._start_attempt(task)
         self.dispatcher.route_all([task for task in first if not task.killed])
 
-    def _begin_again(self, task: Task) -> None:
+    def _start_attempt(self, task: Task) -> None:
         """Start the next attempt of a task that is retried, unless it is to be cancelled."""
         changes.restart(self, task)
         if task.killed:
@@ -413,9 +413,9 @@ class Central(State):
         if task.role is Role.EXCEPTION:
             failures.handler_ended(self, task)
         if task.result or task.killed or task.failure is not None:
-            self._remember(task, self.outcome(task))
+            self._remember_outcome(task, self.outcome(task))
 
-    def _remember(self, task: Task, outcome: TaskOutcome) -> None:
+    def _remember_outcome(self, task: Task, outcome: TaskOutcome) -> None:
         """Store an outcome that is more than "done"."""
         owners = self.registry.permissions.outcome_owners
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
@@ -425,14 +425,14 @@ class Central(State):
             self.tree.never_began.pop(forgotten, None)
 
 
-def _output(waiting: deque[T], take: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
+def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
     """Return a queue, and a function that handles all its items."""
 
-    def take_all() -> None:
+    def handle_all() -> None:
         while waiting:
-            take(waiting.popleft())
+            handle(waiting.popleft())
 
-    return waiting, take_all
+    return waiting, handle_all
 
 
 def _named(connection: Connection | None) -> tuple[str, int]:
@@ -440,7 +440,7 @@ def _named(connection: Connection | None) -> tuple[str, int]:
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
 
 
-def _first_of(startable: list[Task]) -> list[Task]:
+def _most_urgent(startable: list[Task]) -> list[Task]:
     """Return the startable tasks that are started before all others; they are of one kind."""
     stranded = [task for task in startable if task.is_stranded]
     return (

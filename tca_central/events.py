@@ -144,9 +144,9 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
-Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
-Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
+AdminEvent = TellAll | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
+Event = RequestReceived | BadBytes | ConnectionLost | Tick | AdminEvent
+Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | Spared
 
 
 class Transmit(msgspec.Struct, frozen=True):

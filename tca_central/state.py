@@ -21,7 +21,7 @@ from tca_central.model.budget import (
 from tca_central.model.clock import Timer
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import (
-    TOLD_TOGETHER,
+    CONFIRMED_TOGETHER,
     AttachedHandler,
     Connection,
     Delivery,
@@ -161,7 +161,7 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
-def _spent(what: str, held: int, most: int, advice: str) -> str:
+def _over_budget(what: str, held: int, most: int, advice: str) -> str:
     """Return the text of a refusal because a part of the budget is used up."""
     return (
         f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, "
@@ -211,7 +211,7 @@ class State(Waits):
         self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
-        self.watches: dict[int, Watch] = {}  #: by task id: monitors that watch or will watch
+        self.watches: dict[int, Watch] = {}  #: by task id: monitors that watch now or later
         #: By delivery id: the monitor whose condition it tests.
         self.watch_of_condition: dict[int, Watch] = {}
         #: By claimant and request number.
@@ -223,22 +223,22 @@ class State(Waits):
         #: Connections that have not been sent the ids of unconfirmed tasks.
         self.untold: dict[Connection, None] = {}
         self.hold = RestartHold()
-        #: Ranges of ids (first, last) that may have been given and were lost with the disk.
+        #: Ranges of ids (first, last) that may have been given before the disk lost them.
         self.lost: list[tuple[int, int]] = []
         self.is_disk_low = False  #: whether new tasks are refused
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
         """Give a message to the handler in a slot. Every delivery goes through here.
 
-        With *is_there* the slot has the message already (it was prefetched); else it is sent now.
+        A message that *is_prefetched* is in the slot already; others are sent now.
         """
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
         # A prefetched message began when its slot was free, which may be before central knew.
         now = self.clock.now
-        began = max(delivery.since, slot.begins) if is_there and slot.begins else now
-        slot.unbegun = delivery if is_there and not slot.begins else None
+        began = max(delivery.since, slot.begins) if is_prefetched and slot.begins else now
+        slot.unbegun = delivery if is_prefetched and not slot.begins else None
         delivery.since, slot.begins = began, 0.0
         delivery.message.delivered += 1
         resource.delivered += 1
@@ -257,12 +257,12 @@ class State(Waits):
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
-            if delivery.message.wishes or self.observers.concern(delivery):
+            if delivery.message.custom_handlers or self.observers.concern(delivery):
                 self.begin(delivery)
             else:
                 delivery.state = delivery.message.running
                 delivery.serial += 1
-        if not is_there:
+        if not is_prefetched:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
     def begin(self, task: Task) -> None:
@@ -353,7 +353,7 @@ class State(Waits):
 
     # --- messages to modules ----------------------------------------------------------------------
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a prefetched message: the slot handles it after those that it has."""
         assert slot.resource is not None
         before = len(slot.handling) + len(slot.resource.ahead) - 1
@@ -399,7 +399,7 @@ class State(Waits):
         if connection.waits or connection.pauses:
             self.unblock(connection, number)
         if connection.untold:
-            self.tell_tasks(connection)
+            self.confirm_tasks(connection)
         if number:
             self.answers.add(connection, number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
@@ -419,7 +419,7 @@ class State(Waits):
         self.budget.share(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
-        self.answers.give_way()
+        self.answers.evict()
 
     # --- the budget -------------------------------------------------------------------------------
 
@@ -455,7 +455,7 @@ class State(Waits):
         if held + TASK_BYTES + size <= most:
             return ""
         self.budget.refused += 1
-        return _spent("messages and tasks", held, most, "let handlers catch up, or end tasks")
+        return _over_budget("messages and tasks", held, most, "let handlers catch up, or end tasks")
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""
@@ -519,7 +519,7 @@ class State(Waits):
             self.budget.refused += 1
             what = "declarations, attachments, claims, waits and timers"
             raise RequestError(
-                Refusal.OVERLOAD, _spent(what, held, most, "end those that nobody needs")
+                Refusal.OVERLOAD, _over_budget(what, held, most, "end those that nobody needs")
             )
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
@@ -539,10 +539,10 @@ class State(Waits):
             return
         connection.untold.append((number, task))
         self.untold[connection] = None
-        if len(connection.untold) >= TOLD_TOGETHER:
-            self.tell_tasks(connection)
+        if len(connection.untold) >= CONFIRMED_TOGETHER:
+            self.confirm_tasks(connection)
 
-    def tell_tasks(self, connection: Connection) -> None:
+    def confirm_tasks(self, connection: Connection) -> None:
         """Send a connection the ids of its unconfirmed tasks."""
         told, connection.untold = connection.untold, []
         del self.untold[connection]
@@ -573,10 +573,10 @@ class State(Waits):
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """Ask a running handler to clean up and return. Its coroutine awaits nothing any more."""
         self.unblock_coroutine(slot, delivery.given_as)
-        self.doubt(slot, delivery)
+        self.expect_return(slot, delivery)
         self.tell(slot, cancelled_header(delivery))
 
-    def doubt(self, slot: Connection, delivery: Delivery) -> None:
+    def expect_return(self, slot: Connection, delivery: Delivery) -> None:
         """Start the timer after which a handler that should return counts as hung."""
         if slot.hung_after and delivery.given_as not in slot.doubts:
             slot.doubts[delivery.given_as] = self.clock.after(slot.hung_after, Due.HUNG, delivery)

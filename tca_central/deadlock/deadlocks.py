@@ -99,7 +99,7 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     return None
 
 
-def note_event(central: State) -> None:
+def check_event(central: State) -> None:
     """Schedule a search if a fact of the event may have closed a cycle."""
     if not central.may_have_closed:
         for fact in central.facts:
@@ -140,7 +140,7 @@ def on_look(central: State, _: None) -> None:
         central.may_have_closed = False
     try:
         while scan.starts:
-            _look_at_next(central, scan)
+            _check_next(central, scan)
         central.scan = None
     except TooLongError:
         _schedule(central)
@@ -149,7 +149,7 @@ def on_look(central: State, _: None) -> None:
             _schedule(central)
 
 
-def _look_at_next(central: State, scan: DeadlockScan) -> None:
+def _check_next(central: State, scan: DeadlockScan) -> None:
     """Check the next node of a search."""
     one = scan.starts[-1]
     if isinstance(one, Connection):
@@ -300,7 +300,7 @@ def describe(central: State, circle: list[Node]) -> str:
                 None
             )
     more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
-    return f"each waits for the next, in a circle: {'; '.join([*told][:_SHOWN])}{more}"
+    return f"each waits for the next, in a cycle: {'; '.join([*told][:_SHOWN])}{more}"
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:

@@ -134,7 +134,7 @@ class Search:
     def _mark_live(self, node: Node) -> None:
         """Mark a node live, and let the nodes that stand at a group with it continue."""
         del self._open[node]
-        if not _is_soon_seen_again(node):
+        if not _is_not_worth_storing(node):
             self._live.add(_key(node))
         for user, group in self._users.pop(node, ()):
             if self._at.get(user) is group:
@@ -170,7 +170,7 @@ def _key(node: Node) -> Node | int:
     return node.task.id << 6 | node.moment if isinstance(node, Place) else node
 
 
-def _is_soon_seen_again(node: Node) -> bool:
+def _is_not_worth_storing(node: Node) -> bool:
     """Whether a live node is not worth storing.
 
     There is one for each queued task, and it costs little to visit again.

@@ -38,9 +38,9 @@ class KeptAnswers(Stored):
         while connection.answer_bytes > self.most // 4 and len(connection.answers) > 1:
             self._forget_oldest(connection)
             self.forgotten += 1
-        self.give_way()
+        self.evict()
 
-    def give_way(self) -> None:
+    def evict(self) -> None:
         """Forget the oldest answers if all hold too much."""
         while self.bytes > self.most:
             self._forget_oldest(next(iter(self._kept.values()))[0])
@@ -51,7 +51,7 @@ class KeptAnswers(Stored):
         _, header, body = self._kept.get((connection.session, number), (None, None, b""))
         return header, body
 
-    def hand_on(self, before: Connection, connection: Connection) -> None:
+    def transfer(self, before: Connection, connection: Connection) -> None:
         """Move the answers of a lost connection to the new connection of its session."""
         connection.answers, before.answers = before.answers, connection.answers
         connection.answer_bytes, before.answer_bytes = before.answer_bytes, 0

@@ -32,7 +32,7 @@ from tca_wire.vocabulary import Busy, Condition, Role
 REMEMBERED_TASKS = 128
 """Tasks per connection that it may name by the requests that sent them."""
 
-TOLD_TOGETHER = 32
+CONFIRMED_TOGETHER = 32
 """Unconfirmed tasks after which a connection is sent their ids, if no other answer came first."""
 
 
@@ -112,13 +112,12 @@ class Asker(Line):
     ) -> None:
         Line.__init__(self, connection_id, session, module, number)
         self.last_number = 0  #: the highest number of a request so far
-        #: By request: the delivery or wait whose answer is due.
+        #: By request: the delivery or wait that answers it.
         self.outstanding: dict[int, Stored] = {}
         #: Requests whose answers are stored, oldest first (model/answers.py)
         self.answers: deque[int] = deque()
         self.answer_bytes = 0  #: bytes of the stored answers
-        #: By request: the newest tasks that it sent, oldest first.
-        self.tasks: dict[int, TaskId] = {}
+        self.tasks: dict[int, TaskId] = {}  #: by request, oldest first: the newest tasks sent
         #: (request, task) of tasks whose ids it has not been sent.
         self.untold: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
@@ -153,14 +152,14 @@ class Slot(Asker):
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
         Asker.__init__(self, connection_id, session, module, number)
-        #: None: it is the module's own connection, and handles nothing.
+        #: None for the module's own connection, which handles nothing.
         self.resource: ModuleResource | None = None
-        #: By delivery, oldest first: the event in which it got it.
+        #: By delivery, oldest first: the event in which the slot got it.
         self.handling: dict[Delivery, int] = {}
         self.prefetch = 0  #: number of messages that it accepts before it is free
-        #: A prefetched delivery that it had not begun when central gave it.
+        #: The present delivery, if it was prefetched and may not have begun.
         self.unbegun: Delivery | None = None
-        #: When it began the prefetched message that it gets next (0: when that is given)
+        #: When the slot began the prefetched message that it gets next (0: when it gets it)
         self.begins = 0.0
         #: End of the last run that central knows: none reported later is before it.
         self.known_until = 0.0
@@ -175,7 +174,7 @@ class Slot(Asker):
         """Whether it is free, apart from nested deliveries."""
         return not self.handling or all(one.nested for one in self.handling)
 
-    def then(self, now: float, ago: float) -> float:
+    def to_central_time(self, now: float, ago: float) -> float:
         """Return central's time of a moment *ago* seconds back by the connection's clock.
 
         The result is between the last known moment of the slot and *now*.
@@ -196,8 +195,7 @@ class Connection(Slot):
         self.licence = 0  #: the number that allows it to send directly (0: none)
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is informed
         self.watches: dict[Connection, None] = {}  #: slots of whose end it is informed
-        #: Connections that are informed of the end of this slot.
-        self.watchers: dict[Connection, None] = {}
+        self.watchers: dict[Connection, None] = {}  #: connections informed of the end of this slot
 
 
 class Module(Stored):
@@ -275,12 +273,11 @@ class Handler(Stored):
         self.direct = declared.direct  #: senders may bypass central, if nothing else prevents it
         self.accepts = declared.accepts  #: it accepts tasks explicitly
         self.takes = tuple(declared.takes)  #: transitions of clients that it decides about
-        #: Transitions of clients that central refuses for it.
-        self.refuses = tuple(declared.refuses)
+        self.refuses = tuple(declared.refuses)  #: transitions that central refuses for it
         self.busy = declared.busy  #: what happens to a task that must wait for it
 
     @property
-    def has_wishes(self) -> bool:
+    def is_custom(self) -> bool:
         """Whether it changes the usual life cycle of tasks."""
         return self.accepts or bool(self.takes or self.refuses) or self.busy is not Busy.QUEUE
 
@@ -337,13 +334,13 @@ class Served(Declared):
     __slots__ = (
         "awaited_by",
         "candidates",
+        "custom_handlers",
         "delivered",
         "dropped",
         "failed",
         "handlers",
         "serving",
         "waiting",
-        "wishes",
     )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
@@ -352,7 +349,7 @@ class Served(Declared):
         self.candidates: tuple[ModuleResource, ...] = ()
         """The resources that may handle it: those of the newest handler and its pool."""
         self.serving = 0  #: number of handlers that have a slot
-        self.wishes = 0  #: number of handlers with ``has_wishes``
+        self.custom_handlers = 0  #: number of handlers with ``is_custom``
         #: By id, oldest first: deliveries for which there is no handler.
         self.waiting: dict[int, Delivery] = {}
         self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
@@ -363,13 +360,13 @@ class Served(Declared):
     def add_handler(self, handler: "Handler") -> None:
         """Add a handler; it is the newest."""
         self.handlers.append(handler)
-        self.wishes += handler.has_wishes
+        self.custom_handlers += handler.is_custom
         self._find_candidates()
 
     def remove_handler(self, handler: "Handler") -> None:
         """Remove a handler."""
         self.handlers.remove(handler)
-        self.wishes -= handler.has_wishes
+        self.custom_handlers -= handler.is_custom
         self._find_candidates()
 
     def _find_candidates(self) -> None:
@@ -386,8 +383,7 @@ class MessageType(Served):
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Served.__init__(self, declared, by)
-        #: Exception handlers of all its tasks, newest last.
-        self.attached: list[AttachedHandler] = []
+        self.attached: list[AttachedHandler] = []  #: exception handlers of all its tasks
         self.taps: list[Wiretap] = []  #: oldest first
         self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
         self.senders_told: dict[Connection, None] = {}  #: connections that know the route
@@ -405,7 +401,7 @@ class PresenceWait(Stored):
         #: Messages that its module will handle when the wait is over.
         self.promised = tuple(header.promised)
         self.messages = tuple(messages)
-        #: Number of messages without a handler.
+        #: Messages without a handler.
         self.missing = sum(not message.serving for message in self.messages)
         for message in self.messages:
             message.awaited_by[self] = None

@@ -33,10 +33,10 @@ class Registry(Stored):
         "bytes",
         "connections",
         "dropped",
-        "look_after",
         "lost",
         "messages",
         "modules",
+        "next_search",
         "permissions",
     )
 
@@ -50,7 +50,7 @@ class Registry(Stored):
         self.bytes = 0  #: bytes of declared messages and resources
         self.dropped = 0  #: number of dropped messages whose type was forgotten
         #: Number of the event before which no search for unneeded messages starts.
-        self.look_after = 0
+        self.next_search = 0
         self._names: dict[str, None] = {}  #: names of modules in use
 
     def module(
@@ -120,7 +120,7 @@ class Registry(Stored):
         self._names.pop(module.name, None)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
-        self.look_after = 0  # its messages may be forgotten: a search makes sense again
+        self.next_search = 0  # its messages may be forgotten: a search makes sense again
 
     def check(self, declared: MessageFormat, module: Module) -> None:
         """Raise RequestError if the name is known with another format or class."""
@@ -252,7 +252,7 @@ class Variables(Stored):
             )
             raise RequestError(Refusal.OVERLOAD, text)
 
-    def put(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: Value) -> None:
         """Replace a variable's value. ``check_room`` has passed."""
         self.forget(name)
         self.values[name] = value

@@ -86,7 +86,7 @@ class Queue(Stored, Generic[Q]):
             tuple[int, int, int, Q]
         ] = []  #: (-priority, arrival, ticket, waiting entry)
 
-    def put(self, one: Q) -> None:
+    def add(self, one: Q) -> None:
         """Add an entry."""
         self.waiting += 1
         heapq.heappush(self._heap, (-one.priority, one.arrival, one.ticket, one))
@@ -249,7 +249,7 @@ class Resource(Stored, Generic[S, Q]):
             return None
         if self._queue.waiting and self._is_behind(message):
             return None
-        return self.take_slot()
+        return self.acquire_slot()
 
     def admits(self, message: Q) -> bool:
         """Whether no lock or reservation keeps a message out."""
@@ -267,7 +267,7 @@ class Resource(Stored, Generic[S, Q]):
             message.arrival,
         )
 
-    def take_slot(self) -> S:
+    def acquire_slot(self) -> S:
         """Take the slot that has been free longest, or that has prefetched the next message."""
         slot = self.ahead_at if self.ahead and self.ahead_at is not None else next(iter(self._free))
         del self._free[slot]
@@ -281,17 +281,17 @@ class Resource(Stored, Generic[S, Q]):
 
     def queue(self, one: Q) -> None:
         """Queue a message."""
-        self._queue.put(one)
+        self._queue.add(one)
         if self._sent_by is not None:
-            self._sort_in(self._sent_by, one)
+            self._add_by_sender(self._sent_by, one)
 
     @staticmethod
-    def _sort_in(sent_by: dict[object, Queue[Q]], one: Q) -> None:
+    def _add_by_sender(sent_by: dict[object, Queue[Q]], one: Q) -> None:
         """Add a message to the queue of its sender."""
         sender = one.sent_by
         if sender not in sent_by:
             sent_by[sender] = Queue()
-        sent_by[sender].put(one)
+        sent_by[sender].add(one)
 
     def leave_queue(self, one: Q) -> None:
         """Remove a message: its entries have become void."""
@@ -325,7 +325,7 @@ class Resource(Stored, Generic[S, Q]):
         if self.is_recalling:
             return None
         first = self._first_in_line()
-        if isinstance(first, Claim) and not self._may_have(first):
+        if isinstance(first, Claim) and not self._can_be_granted(first):
             return None
         return first
 
@@ -341,7 +341,7 @@ class Resource(Stored, Generic[S, Q]):
 
     # --- prefetched messages ----------------------------------------------------------------------
 
-    def next_ahead(self) -> Q | None:
+    def next_to_prefetch(self) -> Q | None:
         """Return the message that may be prefetched next; None if one may be overtaken."""
         if (
             self.is_recalling
@@ -353,7 +353,7 @@ class Resource(Stored, Generic[S, Q]):
         first = self._queue.first() if len(self.slots) == 1 else None
         return None if isinstance(first, Claim) else first
 
-    def send_ahead(self, first: Q) -> S:
+    def mark_prefetched(self, first: Q) -> S:
         """Mark the first message in the queue as prefetched. Return its slot."""
         first.ticket += 1
         self._queue.mark_void()
@@ -361,12 +361,12 @@ class Resource(Stored, Generic[S, Q]):
         self.ahead_at = next(iter(self.slots))
         return self.ahead_at
 
-    def take_back(self, message: Q) -> tuple[Fact, ...] | None:
+    def requeue_prefetched(self, message: Q) -> tuple[Fact, ...] | None:
         """Queue a prefetched message again.
 
         If it was dropped in the meantime, return the facts to record.
         """
-        self._queue.put(message)
+        self._queue.add(message)
         return self.ahead.pop(message)
 
     def is_overtaken_by(self, newest: "Q | Claim[S, Q]") -> bool:
@@ -387,7 +387,7 @@ class Resource(Stored, Generic[S, Q]):
         if self._sent_by is None:
             self._sent_by = {}
             for one in self.queued():
-                self._sort_in(self._sent_by, one)
+                self._add_by_sender(self._sent_by, one)
         mine = self._sent_by.get(self.held_by.owner)
         return mine.first() if mine is not None else None
 
@@ -417,7 +417,7 @@ class Resource(Stored, Generic[S, Q]):
         self.held_by, self.claims, self._queue = None, {}, Queue()  # messages wait here no longer
         return newest
 
-    def _may_have(self, claim: Claim[S, Q]) -> bool:
+    def _can_be_granted(self, claim: Claim[S, Q]) -> bool:
         """Whether a claim is first in all copies, and all are empty apart from the claimant."""
         if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
             return False
@@ -438,7 +438,7 @@ class Resource(Stored, Generic[S, Q]):
     def _wait(self, claim: Claim[S, Q]) -> None:
         """Queue a claim in this copy."""
         self.claims[claim] = None
-        self._queue.put(claim)
+        self._queue.add(claim)
 
     def end_claim(self, claim: Claim[S, Q]) -> None:
         """End a claim, granted or not."""

@@ -183,12 +183,12 @@ class Task(Ordered):
         return bool(self.role)
 
     @property
-    def is_unheard(self) -> bool:
+    def has_unprocessed_handlers(self) -> bool:
         """Whether exception handlers of it have ended whose decisions central has not processed.
 
         They may still make it fail again.
         """
-        return self.recovery is not None and self.recovery.unheard > 0
+        return self.recovery is not None and self.recovery.unprocessed_handlers > 0
 
     @property
     def may_be_handled_again(self) -> bool:
@@ -201,14 +201,14 @@ class Task(Ordered):
         if recovery is None:
             return not (self.is_running or children)
         return (
-            not (self.is_running or recovery.askers or recovery.unheard)
+            not (self.is_running or recovery.askers or recovery.unprocessed_handlers)
             and children == recovery.guests
         )
 
     @property
     def watches_alone(self) -> bool:
         """Whether its handler has returned and only watchers are left under it."""
-        if self.is_unheard:
+        if self.has_unprocessed_handlers:
             return False
         return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
 
@@ -265,7 +265,7 @@ class Recovery(Stored):
         "handler",
         "invocations",
         "is_dealt_with",
-        "unheard",
+        "unprocessed_handlers",
     )
 
     def __init__(self) -> None:
@@ -282,7 +282,7 @@ class Recovery(Stored):
         self.guests = 0  #: number of foreign monitors under the task: a retry does not end them
         #: Number of exception handlers of the task that have ended, and whose decisions are not
         #: processed yet. Until then the task may not end: it may fail again.
-        self.unheard = 0
+        self.unprocessed_handlers = 0
 
     @staticmethod
     def of(task: Task) -> "Recovery":

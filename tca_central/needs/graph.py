@@ -93,7 +93,7 @@ def needs(central: State, node: Node, each: Each = iter) -> Groups:
 
     Use ``list`` for *each* if central may change during the walk.
     """
-    return _OF[type(node)](central, cast("Never", node), each)
+    return _NEEDS_OF[type(node)](central, cast("Never", node), each)
 
 
 def still_needs(central: State, node: Node, group: Group) -> bool:
@@ -112,7 +112,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
     """The needs of a request for an answer."""
     due = node.connection.outstanding.get(node.number)
     if isinstance(due, Delivery):
-        if (answer := _at_hand(due)) is not None:
+        if (answer := _current_node(due)) is not None:
             yield [answer]
     elif isinstance(due, Claim):
         yield [Granting(due)]
@@ -123,7 +123,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
         yield changes
 
 
-def _at_hand(delivery: Delivery) -> Returning | Turn | None:
+def _current_node(delivery: Delivery) -> Returning | Turn | None:
     """Return the next node of a delivery that is with a handler or in a queue; else None."""
     if delivery.slot is not None:
         return Returning(delivery)
@@ -151,7 +151,7 @@ def _changes(central: State, observation: Observation) -> list[Node]:
 def _change(task: Task) -> Node:
     """The node that may bring the next change of a task."""
     moment = END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING
-    return _at_hand(task) or Place(task, moment)
+    return _current_node(task) or Place(task, moment)
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
@@ -288,7 +288,7 @@ def _of_test(monitor: Task) -> Groups:
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
         return
-    answer, is_point = _at_hand(watch.condition), not monitor.message.is_aside
+    answer, is_point = _current_node(watch.condition), not monitor.message.is_aside
     if answer is None or not (is_point or watch.options.maximum):
         return
     ends: list[Node] = [answer]
@@ -313,7 +313,7 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
         yield [Place(task, delivered_at(task.is_goal))]
 
 
-def together(place: Place) -> int:
+def reached_together(place: Place) -> int:
     """Return the moments that are reached with a point, and its own, as bits.
 
     If planning is delayed, both starts are reached together.
@@ -328,7 +328,7 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
 
     Starts that are reached together count as one point.
     """
-    same = together(Place(task, moment))
+    same = reached_together(Place(task, moment))
     for one in (one for one in SINGLE_MOMENTS if one & same):
         for before in predecessors(central.tree, Place(task, one), each):
             other = before.task
@@ -380,7 +380,7 @@ def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
                 yield None if child.reached & moment else [Place(child, moment)]
 
 
-_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
+_NEEDS_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
     Place: _of_point,
     Waiting: _of_wait,
     Returning: _of_handler,

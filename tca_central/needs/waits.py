@@ -26,7 +26,7 @@ from tca_central.needs.graph import (
     TurnAt,
     Waiting,
     needs,
-    together,
+    reached_together,
 )
 from tca_central.order.cycles import Place
 from tca_central.order.holds import PendingDelay
@@ -166,7 +166,7 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
         if (
             isinstance(pending, PendingDelay)
             and isinstance(timer, Timer)
-            and pending.moment & together(place)
+            and pending.moment & reached_together(place)
         ):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
     if task.watch is not None and task.watch.is_on and moment != START_PLANNING:
@@ -215,7 +215,7 @@ def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
 def _kind(node: Place, other: Task, moment: int) -> WaitKind:
     """The kind of wait of a point for a moment of another task."""
     task, above = node.task, other.parent
-    if other is task.parent and moment & together(node):
+    if other is task.parent and moment & reached_together(node):
         return WaitKind.PARENT
     if other.role is Role.EXCEPTION and (above is task or other in _deciding(task)):
         return WaitKind.RECOVERY
@@ -302,7 +302,7 @@ def of_resource(
 def _of_claim(central: State, claim: ModuleClaim) -> WaitFor:
     """The wait of a claim for its resource."""
     lock = _at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
-    return replace(lock, number=claim.id, name=_called(claim))
+    return replace(lock, number=claim.id, name=_claim_noun(claim))
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
@@ -324,7 +324,7 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 
 def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
     module = claim.slot.module.name
-    return WaitFor(kind, 0, _called(claim), module=module, because=_for_what(claim))
+    return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_for_what(claim))
 
 
 def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
@@ -336,14 +336,14 @@ def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
     return (_about(kind, holder),)
 
 
-def _called(claim: ModuleClaim) -> str:
+def _claim_noun(claim: ModuleClaim) -> str:
     return "reservation" if claim.admits_owner else "lock"
 
 
 # --- final waits ----------------------------------------------------------------------------------
 
 
-def _begun(node: Node) -> Node:
+def _start_of(node: Node) -> Node:
     """Return the start of a task that has not started; any other node as it is."""
     if not isinstance(node, Place) or node.task.reached & START_HANDLING or node.task.killed:
         return node
@@ -373,9 +373,9 @@ class Ends:
         for group in needs(self._central, node):
             self._count_edge()
             if group is not None:
-                return [_begun(group[0])], []
+                return [_start_of(group[0])], []
         self._count_edge()
-        return [], [self._at_rest(node)]
+        return [], [self._final_wait(node)]
 
     def _count_edge(self) -> None:
         if self.edges <= 0:
@@ -388,7 +388,7 @@ class Ends:
         first = min(tasks, key=attrgetter("id"), default=None)
         return _about(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
 
-    def _at_rest(self, node: Node) -> WaitFor:
+    def _final_wait(self, node: Node) -> WaitFor:
         """The final wait at a node that needs nothing."""
         match node:
             case Returning(delivery):

@@ -2,10 +2,10 @@
 
 Theory of operation. A task is checked again when its constraints are met (holds.py counts them),
 and when its parent or a child has advanced. A child starts planning or achieving only after its
-parent has. A parent ends planning or achieving only after all its children have. ``settle`` runs
-until nothing advances. Each point is reached once and each constraint released once, so an event
-costs what it changes, whatever the size of the tree. Nothing recurses: a tree may be thousands of
-tasks deep.
+parent has. A parent ends planning or achieving only after all its children have. ``advance_all``
+runs until nothing advances. Each point is reached once and each constraint released once. An event
+therefore costs what it changes, whatever the size of the tree. Nothing recurses: a tree may be
+thousands of tasks deep.
 """
 
 from collections import deque
@@ -49,12 +49,12 @@ class Agenda(Stored):
         "ended",
         "ended_waits",
         "holds",
-        "look_at",
-        "only_watched",
-        "resumed",
+        "left_with_watchers",
+        "resumed_monitors",
         "startable",
         "tap_events",
         "taps_to_fire",
+        "to_advance",
         "tree",
         "unanswered",
         "waits",
@@ -65,7 +65,7 @@ class Agenda(Stored):
         self.tree = tree
         self.holds = Holds(tree, facts, clock)
         self._facts = facts
-        self.look_at: deque[Task] = deque()  #: tasks that may have become able to advance
+        self.to_advance: deque[Task] = deque()  #: tasks that may have become able to advance
         self.startable: deque[Task] = deque()  #: tasks that may be given to a handler
         #: Tasks whose handlers returned without answering clients' requests.
         self.unanswered: deque[Task] = deque()
@@ -79,9 +79,9 @@ class Agenda(Stored):
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()
         #: Events of messages at which wiretaps may fire.
         self.tap_events: deque[tuple[Delivery, int]] = deque()
-        self.resumed: deque[Task] = deque()  #: monitors that are no longer suspended
+        self.resumed_monitors: deque[Task] = deque()  #: monitors that are no longer suspended
         #: Tasks whose only open children are background monitors.
-        self.only_watched: deque[Task] = deque()
+        self.left_with_watchers: deque[Task] = deque()
 
     # --- calls of the core ------------------------------------------------------------------------
 
@@ -103,13 +103,15 @@ class Agenda(Stored):
             added = self._constrain_new(task, last, flags, wanted)
         self.tree.become_last(task, parent, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
+        # A child that arrives after its parent was killed, or while a retry of it is pending, is
+        # killed too: the handler that sent it no longer counts.
         is_late = parent.retrying and not (task.role or task.is_guest)
         if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
-        self.look_at.append(task)
+        self.to_advance.append(task)
         if parent.returned and task.is_watcher:  # the parent may wait for nothing else
-            self.look_at.append(parent)
+            self.to_advance.append(parent)
         return added
 
     def _constrain_new(
@@ -125,7 +127,7 @@ class Agenda(Stored):
             *(resolve(constraint, task.id) for constraint in wanted),
         ]
         try:
-            return self._put_in_force(own, follows, task)
+            return self._apply_all(own, follows, task)
         except RequestError:
             self.tree.detach(task)
             if task.parent is not None:
@@ -137,9 +139,9 @@ class Agenda(Stored):
 
         Returns those that hold something.
         """
-        return self._put_in_force(wanted, [])
+        return self._apply_all(wanted, [])
 
-    def _put_in_force(
+    def _apply_all(
         self, wanted: list[Constraint], added: list[Constraint], new: Task | None = None
     ) -> list[Constraint]:
         """Add constraints to those in *added*, and withdraw queued tasks that they hold.
@@ -154,7 +156,7 @@ class Agenda(Stored):
             raise
         for constraint in added:
             if new is None or constraint.after.task != new.id:
-                self._hold_again(self.tree.tasks[constraint.after.task])
+                self._withdraw_if_held(self.tree.tasks[constraint.after.task])
         return added
 
     def mark_started(self, task: Task) -> None:
@@ -163,20 +165,20 @@ class Agenda(Stored):
             self._reach(task, first_moments(task) & ~task.reached)
             # A goal's achieving may start now; a monitor may have been ended before it began.
             if task.is_goal or task.returned:
-                self.look_at.append(task)
-        self._look_above(task)
+                self.to_advance.append(task)
+        self._check_parent(task)
 
-    def _look_above(self, task: Task) -> None:
+    def _check_parent(self, task: Task) -> None:
         """Check the parent of a watcher again: with this change it may have only watchers left."""
         if task.is_watcher and task.parent is not None:
-            self.look_at.append(task.parent)
+            self.to_advance.append(task.parent)
 
     def mark_returned(self, task: Task) -> None:
         """Record that the task's handler has returned for good."""
         if task.clients is not None and task.clients.asked:
             self.unanswered.append(task)
         task.returned = True
-        self.look_at.append(task)
+        self.to_advance.append(task)
 
     def retry(self, task: Task) -> None:
         """Have a started task handled again, as soon as ``Task.may_be_handled_again``."""
@@ -188,7 +190,7 @@ class Agenda(Stored):
                 tap: heard for tap, heard in task.tapping.fired.items() if tap in done
             }
         self.requeue(task)
-        self._look_above(task)
+        self._check_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
         """Return whether the handler's outcome is void, because the task was killed or is retried.
@@ -204,12 +206,12 @@ class Agenda(Stored):
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that asked for a retry has ended: the retry may start."""
         Recovery.of(task).askers.pop(handler, None)
-        self.look_at.append(task)
+        self.to_advance.append(task)
 
     def hear(self, task: Task) -> None:
         """Record that the decision of an ended exception handler of the task was processed."""
-        Recovery.of(task).unheard -= 1
-        self.look_at.append(task)
+        Recovery.of(task).unprocessed_handlers -= 1
+        self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
         """Fire the wiretaps before the start of a task once more: it has not started."""
@@ -218,8 +220,8 @@ class Agenda(Stored):
             tapping = Tapping.of(task)
             tapping.fired = {tap: heard for tap, heard in tapping.fired.items() if tap not in again}
             if task.queues is not None:
-                self._take_back(task)
-            self.look_at.append(task)
+                self._withdraw(task)
+            self.to_advance.append(task)
 
     def requeue(self, task: Task) -> None:
         """Have a started task handled again after it lost its handler."""
@@ -230,14 +232,14 @@ class Agenda(Stored):
     def request_again(self, task: Task) -> None:
         """Check whether a task that is in no queue may start."""
         task.requested = False
-        self.look_at.append(task)
+        self.to_advance.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
         """Release what a delay held, as it is over."""
         self.holds.release(release)
         if not release.task.killed:
             self._facts.append(TimedOut(release.constraint))
-        self.look_at.append(release.task)
+        self.to_advance.append(release.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
         """Mark a task, and every descendant that is killed with it, as killed.
@@ -251,12 +253,12 @@ class Agenda(Stored):
             if unbegun := STARTS & ~doomed.reached:
                 self.tree.never_began[doomed.id] = unbegun
             self._facts.append(Killed(doomed.id, *verdict))
-        self.holds.bequeath(killed)
+        self.holds.pass_on(killed)
         for doomed in killed:
             if not doomed.is_running:
                 doomed.returned = True
                 self.withdrawn.append((doomed, False))
-            self.look_at.append(doomed)
+            self.to_advance.append(doomed)
         return killed
 
     def suspend(self, task: Task, *, resume: bool) -> list[Task]:
@@ -270,13 +272,13 @@ class Agenda(Stored):
                 continue
             one.suspended = not resume
             changed.append(one)
-            self._look_above(one)
+            self._check_parent(one)
             if resume:
-                self.look_at.append(one)
+                self.to_advance.append(one)
                 if one.message.message_class.is_monitor:
-                    self.resumed.append(one)
+                    self.resumed_monitors.append(one)
             elif one.requested and one.queues is not None:
-                self._take_back(one, is_suspended=True)
+                self._withdraw(one, is_suspended=True)
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Stored) -> None:
@@ -292,10 +294,10 @@ class Agenda(Stored):
         if task.waiters is not None and task.waiters.pop(waiter, None) is not None:
             self.waits -= 1
 
-    def settle(self) -> None:
+    def advance_all(self) -> None:
         """Advance tasks until none can reach another moment."""
-        while self.look_at:
-            self._advance(self.look_at.popleft())
+        while self.to_advance:
+            self._advance(self.to_advance.popleft())
         if self.holds.ending:
             self.holds.ending.clear()
 
@@ -306,7 +308,7 @@ class Agenda(Stored):
         if task.reached == ALL_MOMENTS:
             return
         if task.killed or task.reached & START_HANDLING:
-            self._reach_what_may_be(task)
+            self._reach_due_moments(task)
         if not (task.requested or task.killed) and self._may_start(task):
             task.requested = not (task.message.taps or task.tapping) or self._may_pass(
                 task, first_moments(task)
@@ -314,9 +316,9 @@ class Agenda(Stored):
             if task.requested:
                 self.startable.append(task)
         if task.watchers and task.watches_alone:
-            self.only_watched.append(task)
+            self.left_with_watchers.append(task)
 
-    def _reach_what_may_be(self, task: Task) -> None:
+    def _reach_due_moments(self, task: Task) -> None:
         """Reach every moment whose conditions are met, of a task that has started or was killed.
 
         ``TaskRules.order`` is sorted, so one pass is enough.
@@ -356,8 +358,8 @@ class Agenda(Stored):
     def taps_fired(self, task: Task) -> None:
         """Check a task again after the wiretaps before it have fired: listeners may hold it now."""
         Tapping.of(task).is_firing = False
-        self.look_at.append(task)
-        self._look_above(task)
+        self.to_advance.append(task)
+        self._check_parent(task)
 
     def _may_start(self, task: Task) -> bool:
         """Whether all conditions for the delivery of a task are met."""
@@ -380,11 +382,11 @@ class Agenda(Stored):
             return bool(task.role) or bool(task.parent and task.parent.reached & moment)
         if moment == END_HANDLING or not task.returned:
             return task.returned
-        if task.recovery is not None and task.recovery.unheard and not task.killed:
+        if task.recovery is not None and task.recovery.unprocessed_handlers and not task.killed:
             return False  # it may fail again, and then wait for another exception handler
-        return not (
-            task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned
-        )
+        if moment == END_ACHIEVING:
+            return not task.children
+        return not (moment == END_PLANNING and task.unplanned)
 
     def _reach(self, task: Task, moments: int) -> None:
         """Record *moments* of a task as reached, and queue everything that this may advance."""
@@ -402,17 +404,17 @@ class Agenda(Stored):
                 del task.waiters[waiter]
                 self.waits -= 1
         if task.followers:
-            self.look_at.extend(self.holds.release_followers(task, moments))
+            self.to_advance.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
-            self.look_at.extend(task.children.values())
+            self.to_advance.extend(task.children.values())
         if moments & END_PLANNING and task.is_goal and (parent := task.parent) is not None:
             parent.unplanned -= 1
             if not parent.unplanned:
-                self.look_at.append(parent)
+                self.to_advance.append(parent)
         if task.reached == ALL_MOMENTS:
-            self._end(task)
+            self._remove_ended(task)
 
-    def _end(self, task: Task) -> None:
+    def _remove_ended(self, task: Task) -> None:
         """Remove a task that has reached its last moment from the tree."""
         self.tree.detach(task)
         if task.held:
@@ -420,18 +422,19 @@ class Agenda(Stored):
         self.ended.append(task)
         parent = task.parent
         if task.role is Role.EXCEPTION and parent is not None:
-            Recovery.of(parent).unheard += 1
+            Recovery.of(parent).unprocessed_handlers += 1
         if parent is None or not (parent.returned or parent.retrying):
             return
         if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):
-            self.look_at.append(parent)
+            self.to_advance.append(parent)
 
-    def _hold_again(self, task: Task) -> None:
+    def _withdraw_if_held(self, task: Task) -> None:
         """Take an undelivered task out of its queues if a new constraint holds it."""
-        self._look_above(task)
+        self._check_parent(task)
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
-            self._take_back(task)
+            self._withdraw(task)
 
-    def _take_back(self, task: Task, *, is_suspended: bool = False) -> None:
+    def _withdraw(self, task: Task, *, is_suspended: bool = False) -> None:
+        """Take a task out of its queues. The core does this, by way of ``withdrawn``."""
         task.requested = False
         self.withdrawn.append((task, is_suspended))

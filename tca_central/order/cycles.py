@@ -58,7 +58,7 @@ class Place(NamedTuple):
     moment: int
 
 
-EASY = 16
+EASY_ROUNDS = 16
 """Rounds of a search, one point from each end, before it collects the subtrees to skip."""
 
 
@@ -71,9 +71,9 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     for rounds in count():
         if search.step():
             return search.path
-        if rounds == EASY:
+        if rounds == EASY_ROUNDS:
             if goal.moment == END_ACHIEVING and _is_below(start.task, goal.task):
-                return _way_up(start, goal)
+                return _path_up(start, goal)
             if start.moment == END_ACHIEVING and _is_below(goal.task, start.task):
                 return None  # all below leads there: a way back would be a cycle already
             drawing = borders.draw(tree)
@@ -191,7 +191,7 @@ def _above(task: Task) -> Iterator[Task]:
         parent = parent.parent
 
 
-def _way_up(start: Place, goal: Place) -> list[Place]:
+def _path_up(start: Place, goal: Place) -> list[Place]:
     """Return the path from a point to the end of an ancestor."""
     task, moment = start
     path = [start]

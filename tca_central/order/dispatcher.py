@@ -1,7 +1,7 @@
 """The dispatcher brings deliveries to handlers: it chooses resources, and assigns free slots.
 
 It knows messages' handlers and resources' order, but no points or constraints. It reports each
-delivery through ``Out``.
+delivery through ``DispatchOutput``.
 """
 
 from collections import deque
@@ -20,7 +20,13 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
-from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_in, note_run
+from tca_central.order.prefetching import (
+    DispatchOutput,
+    MessagesAhead,
+    first_prefetched,
+    is_handled_in,
+    record_run,
+)
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -50,7 +56,6 @@ class Dispatcher(Stored):
         "_suspects",
         "bytes",
         "changed",
-        "crowded",
         "displaced",
         "granted",
         "handlers",
@@ -59,9 +64,12 @@ class Dispatcher(Stored):
         "running",
         "stranded",
         "to_offer",
+        "waiting_for_custom_handler",
     )
 
-    def __init__(self, facts: list[Fact], out: Out, suspects: deque[Suspect], clock: Clock) -> None:
+    def __init__(
+        self, facts: list[Fact], out: DispatchOutput, suspects: deque[Suspect], clock: Clock
+    ) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.messages_ahead = MessagesAhead(out, clock)
         self._arrivals = 0
@@ -74,8 +82,8 @@ class Dispatcher(Stored):
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may admit something, each with its slot that has become free, if any."""
         self.granted: deque[ModuleClaim] = deque()  #: claims just granted
-        #: Tasks that wait for a handler which decides about them itself (``Handler.has_wishes``)
-        self.crowded: deque[Delivery] = deque()
+        #: Tasks that wait for a handler which decides about them itself (``Handler.is_custom``)
+        self.waiting_for_custom_handler: deque[Delivery] = deque()
         #: Deliveries that gave way to newer ones, and why.
         self.displaced: deque[tuple[Delivery, str]] = deque()
         #: Exception handlers that wait although no handler is left.
@@ -90,7 +98,7 @@ class Dispatcher(Stored):
         if not delivery.arrival:
             self._arrive(delivery)
         resources = targets or delivery.message.candidates
-        if self._take_free_slot(delivery, resources):
+        if self._assign_free_slot(delivery, resources):
             return
         slot = own_slot(delivery, resources)
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
@@ -98,21 +106,21 @@ class Dispatcher(Stored):
             slot = None
         if slot is None:
             self._queue(delivery, resources)
-            if delivery.message.wishes and delivery.is_task:
-                self.crowded.append(delivery)
+            if delivery.message.custom_handlers and delivery.is_task:
+                self.waiting_for_custom_handler.append(delivery)
         else:
-            self._give_back(delivery, slot)
+            self._assign_nested(delivery, slot)
 
-    def _give_back(self, delivery: Delivery, slot: Connection) -> None:
+    def _assign_nested(self, delivery: Delivery, slot: Connection) -> None:
         """Have a slot that waits for the answer handle the question itself, nested in its wait."""
         delivery.nested = True
-        self._give(delivery, slot)
+        self._assign(delivery, slot)
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Put a delivery into the queues of its resources."""
         delivery.queues = resources
         if not delivery.is_task:
-            self._count_in(delivery, resources)
+            self._count_queued(delivery, resources)
         delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
@@ -124,7 +132,7 @@ class Dispatcher(Stored):
         for resource in resources:
             resource.queue(delivery)
             if resource.ahead:
-                self.messages_ahead.make_way(resource, delivery)
+                self.messages_ahead.recall_if_overtaken(resource, delivery)
             goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
@@ -133,9 +141,9 @@ class Dispatcher(Stored):
         self.messages_ahead.fill(first)
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
-                self._keep_within(limit, delivery, resource)
+                self._apply_limit(limit, delivery, resource)
 
-    def _count_in(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+    def _count_queued(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Count a queued message that is not a task. While no task starts, it overtakes tasks."""
         self.bytes += DELIVERY_BYTES + len(question.body)
         if self.is_holding:
@@ -150,7 +158,9 @@ class Dispatcher(Stored):
             for delivery in deliveries:
                 self._arrive(delivery)
             in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
-            left = [one for one in in_turn if not self._take_free_slot(one, one.message.candidates)]
+            left = [
+                one for one in in_turn if not self._assign_free_slot(one, one.message.candidates)
+            ]
             deliveries = sorted(left, key=lambda one: one.arrival)
         for delivery in deliveries:
             self.route(delivery)
@@ -161,17 +171,17 @@ class Dispatcher(Stored):
             self._arrivals += 1
             one.arrival = self._arrivals
 
-    def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+    def _assign_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
         """Deliver to a free slot. Return False if all are busy."""
         if self.is_holding and delivery.is_task:
             return False
         for resource in resources:
             if slot := resource.slot_for(delivery):
-                self._give(delivery, slot)
+                self._assign(delivery, slot)
                 return True
         return False
 
-    def _keep_within(
+    def _apply_limit(
         self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource
     ) -> None:
         """Apply a pending limit: the delivery that has waited longest is displaced."""
@@ -181,13 +191,13 @@ class Dispatcher(Stored):
             why = f"at most {limit.most} of '{what}' may wait for '{where}', and a newer one came"
             self.displaced.append((oldest, why))
 
-    def _give(self, delivery: Delivery, slot: Connection, *, is_there: bool = False) -> None:
+    def _assign(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool = False) -> None:
         """Assign a delivery to a slot."""
         delivery.slot = slot
         self.running[delivery.given_as] = delivery
         if not delivery.is_task:
             self.bytes += DELIVERY_BYTES + len(delivery.body)
-        self._out.deliver(delivery, slot, is_there=is_there)
+        self._out.deliver(delivery, slot, is_prefetched=is_prefetched)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
         """Record that a handler has returned at *ended*.
@@ -210,7 +220,7 @@ class Dispatcher(Stored):
         elif (resource := slot.resource) is not None:
             seconds = ended - delivery.since
             resource.busy += seconds
-            note_run(resource, took or seconds)
+            record_run(resource, took or seconds)
             self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
@@ -224,7 +234,7 @@ class Dispatcher(Stored):
             self.granted.append(following)
             self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
-            self._give_next(following, resource)
+            self._assign_next(following, resource)
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
         elif resource.called_back and not resource.is_locked:
@@ -232,7 +242,7 @@ class Dispatcher(Stored):
             for delivery, sender in list(resource.called_back.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
-                    self._give_back(delivery, sender)
+                    self._assign_nested(delivery, sender)
             resource.called_back.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
@@ -245,51 +255,52 @@ class Dispatcher(Stored):
             return resource.next_question()
         return following
 
-    def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
+    def _assign_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
         """Give a queued delivery to a free slot, and let the slot prefetch what follows."""
-        slot = self._take_next(delivery, resource)
+        slot = self._move_to_slot(delivery, resource)
         if slot.resource is not None and not delivery.is_task:
             self.messages_ahead.fill(slot.resource)
 
-    def _take_next(
+    def _move_to_slot(
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
     ) -> Connection:
         """Move a queued delivery to a free slot, which is returned."""
-        slot, is_there, dropped = (
-            resource.take_slot(),
+        slot, is_prefetched, dropped = (
+            resource.acquire_slot(),
             delivery in resource.ahead,
             resource.ahead.get(delivery),
         )
         self._leave_queues(delivery)
-        self._give(delivery, slot, is_there=is_there)
+        self._assign(delivery, slot, is_prefetched=is_prefetched)
         self._facts.extend(dropped or ())
         return slot
 
-    # --- prefetched messages: see ahead.py --------------------------------------------------------
+    # --- prefetched messages: see prefetching.py --------------------------------------------------
 
-    def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
-        """Return the prefetched delivery with that number, if an idle slot has begun it.
+    def begin_prefetched(self, slot: Connection, number: int) -> Delivery | None:
+        """Return the prefetched delivery with that number, if an idle slot has begun it; else None.
 
-        The slot does not wait for central: a request of its handler may arrive first.
+        The slot does not wait for central: a request of its handler may arrive before the reply
+        that frees the slot. Central then gives it the delivery now.
         """
-        resource, first = slot.resource, first_ahead(slot)
+        resource, first = slot.resource, first_prefetched(slot)
         if first is None or first.given_as != number or resource is None or not slot.has_room:
             return None
         # Usual case: the message before has just returned, and its slot was offered last.
         if self.to_offer and self.to_offer[-1] == (resource, slot):
             self.to_offer.pop()
         resource.free_slot(slot)
-        self._take_next(first, resource)
+        self._move_to_slot(first, resource)
         return first
 
-    def _take_all_back(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
+    def _remove_prefetched(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
         """Return the prefetched deliveries of a disconnected slot, out of their queue.
 
         Deliveries that were dropped in the meantime are left out.
         """
         found = []
         for delivery in list(resource.ahead) if resource.ahead_at is slot else ():
-            dropped = resource.take_back(delivery)
+            dropped = resource.requeue_prefetched(delivery)
             self.withdraw(delivery, keep_place=True, dropped=dropped or ())
             if dropped is None:
                 found.append(delivery)
@@ -301,7 +312,7 @@ class Dispatcher(Stored):
             resource.is_recalling = False
             self._facts.append(Recalling(resource.module, resource.name, is_over=True))
 
-    def take_back(
+    def return_prefetched(
         self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
     ) -> list[Delivery]:
         """Return prefetched deliveries to the queue.
@@ -314,7 +325,7 @@ class Dispatcher(Stored):
             return []
         numbers = set(unbegun)
         given_back = [
-            (one, resource.take_back(one))
+            (one, resource.requeue_prefetched(one))
             for one in list(resource.ahead)
             if one.given_as in numbers
         ]
@@ -329,14 +340,14 @@ class Dispatcher(Stored):
             self.messages_ahead.recall(resource)  # later ones may be on their way to the slot
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
-            if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
-                self._give_next(begun, resource)
+            if (begun := first_prefetched(slot)) is not None and resource.is_free(slot):
+                self._assign_next(begun, resource)
             if was_recalling:  # only now: the message above was begun before the recall ended
                 self._facts.append(Recalling(resource.module, resource.name, is_over=True))
         self.to_offer.append((resource, None))
         return moved
 
-    def go_on(self, modules: Iterable[Module]) -> None:
+    def release_tasks(self, modules: Iterable[Module]) -> None:
         """Let tasks start again after a restart."""
         self.is_holding = False
         self.to_offer.extend(
@@ -351,7 +362,7 @@ class Dispatcher(Stored):
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
-            self.messages_ahead.make_way(resource, claim)
+            self.messages_ahead.recall_if_overtaken(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: ModuleClaim) -> None:
@@ -364,10 +375,8 @@ class Dispatcher(Stored):
     ) -> None:
         """Take a delivery out of its queues, if it is in any.
 
-        Args:
-            keep_place: It keeps its place among the others if it is queued again.
-            dropped: Facts to record. If a slot has prefetched the delivery, they are recorded when
-                the slot has returned or begun it.
+        With *keep_place* it keeps its place for the next time. The facts in *dropped* are recorded
+        now; but if a slot has prefetched the delivery, when the slot has returned or begun it.
         """
         if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
             return
@@ -416,7 +425,7 @@ class Dispatcher(Stored):
         """
         ahead: list[Delivery] = []
         if slot.resource is not None:
-            ahead = self._take_all_back(slot, slot.resource)
+            ahead = self._remove_prefetched(slot, slot.resource)
             if slot is slot.resource.ahead_at:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
@@ -450,7 +459,7 @@ class Dispatcher(Stored):
     def add_handler(self, handler: Handler) -> None:
         """Add a handler. It takes over the waiting deliveries of its message."""
         message = handler.message
-        queued = [] if message.fans_out else self._take_queued(message)
+        queued = [] if message.fans_out else self._remove_queued(message)
         message.add_handler(handler)
         self.handlers += 1
         if handler.resource.capacity:
@@ -468,7 +477,7 @@ class Dispatcher(Stored):
         """Remove one handler. Return what waited for it."""
         message = handler.message
         self.messages_ahead.recall(handler.resource)
-        queued = self._take_queued(message, handler.resource)
+        queued = self._remove_queued(message, handler.resource)
         message.remove_handler(handler)
         self.handlers -= 1
         if handler.resource.capacity:
@@ -478,7 +487,7 @@ class Dispatcher(Stored):
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         return queued
 
-    def strand_all(self, messages: Iterable[MessageType]) -> None:
+    def list_stranded(self, messages: Iterable[MessageType]) -> None:
         """List each exception handler that has no handler left, after a module has disconnected."""
         waiting = (
             one for message in messages for one in message.waiting.values() if one.is_stranded
@@ -486,7 +495,7 @@ class Dispatcher(Stored):
         self.stranded.clear()
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
-    def _take_queued(
+    def _remove_queued(
         self, message: MessageType, only: ModuleResource | None = None
     ) -> list[Delivery]:
         """Take the waiting deliveries of a message (for one resource *only*) out of their queues.

@@ -106,7 +106,7 @@ class Holds(Stored):
         before, after = self.before(constraint), self.place(constraint.after)
         if not constraint.delay and (before is None or before.task.reached & before.moment):
             return []
-        if (after := self._to_come(constraint, after)) is None:
+        if (after := self._pending_point(constraint, after)) is None:
             return []
         task, moment = after
         if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
@@ -122,7 +122,7 @@ class Holds(Stored):
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
         inherited = (
-            self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
+            self.inherit(before.task, before.moment, task, moment) if before.task.killed else []
         )
         return [constraint, *inherited]
 
@@ -132,12 +132,12 @@ class Holds(Stored):
         No search for cycles is needed: nothing can wait for the new task yet.
         """
         added = []
-        for flag, its_moment, moment in _SEQUENCES:
-            if flags & flag and not (last.reached & its_moment or task.reached & moment):
-                self.hold(last, its_moment, task, moment)
-                added.append(_constraint(last, its_moment, task, moment))
+        for flag, leader_moment, moment in _SEQUENCES:
+            if flags & flag and not (last.reached & leader_moment or task.reached & moment):
+                self.hold(last, leader_moment, task, moment)
+                added.append(_constraint(last, leader_moment, task, moment))
                 if last.killed:
-                    added += self.hand_on(last, its_moment, task, moment)
+                    added += self.inherit(last, leader_moment, task, moment)
         return added
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
@@ -153,18 +153,18 @@ class Holds(Stored):
         Plans.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
 
     def hold(
-        self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0
+        self, leader: Task, leader_moment: int, task: Task, moment: int, delay: float = 0
     ) -> None:
-        """Make *moment* of *task* wait for *its_moment* of *leader*, and *delay* seconds more."""
+        """Make *moment* of *task* wait for *leader_moment* of *leader*, and *delay* seconds more."""
         if leader.followers is None:
             leader.followers = []
-        leader.followers.append((its_moment, task, moment, delay))
+        leader.followers.append((leader_moment, task, moment, delay))
         self.edges += 1
         if leader.parent is not task.parent:
             self.tree.across[leader] = None
         if task.leaders is None:
             task.leaders = []
-        task.leaders.append((moment, leader.id, its_moment))
+        task.leaders.append((moment, leader.id, leader_moment))
         task.held += 1 << _SHIFT[moment]
         # Entries are not removed when their moments are reached: that would cost a search of the
         # list. They are swept when more than half of them are void, so the cost stays constant.
@@ -172,12 +172,12 @@ class Holds(Stored):
             len(task.leaders) > VOID_ENTRIES
             and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES
         ):
-            task.leaders = [entry for entry in task.leaders if self._is_ahead(entry)]
+            task.leaders = [entry for entry in task.leaders if self._is_pending(entry)]
 
-    def _is_ahead(self, leading: tuple[int, int, int]) -> bool:
+    def _is_pending(self, entry: tuple[int, int, int]) -> bool:
         """Whether the point of an entry of ``leaders`` has not been reached."""
-        leader = self.tree.tasks.get(leading[1])
-        return leader is not None and not leader.reached & leading[2]
+        leader = self.tree.tasks.get(entry[1])
+        return leader is not None and not leader.reached & entry[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
         """Make planning and achieving start together, so that a hold on either holds both.
@@ -200,10 +200,10 @@ class Holds(Stored):
         """
         self._refuse_cycle(constraint, after, before)
         if before.task.killed:
-            for (_, its_moment), leader in self._what_holds(
+            for (_, leader_moment), leader in self._leaders_of(
                 *before, _KilledTogether(set(), {})
             ).items():
-                self._refuse_cycle(constraint, after, Place(leader, its_moment))
+                self._refuse_cycle(constraint, after, Place(leader, leader_moment))
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
         """Refuse a constraint if *start*, its follower, must already come before *goal*."""
@@ -213,7 +213,7 @@ class Holds(Stored):
             if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
             text = (
-                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
+                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a cycle"
             )
             raise RequestError(Refusal.CYCLE, text + _of_monitor(path))
 
@@ -261,21 +261,21 @@ class Holds(Stored):
         """
         assert task.followers is not None
         freed = []
-        for at, follower, its_moment, delay in task.followers:
-            if not at & moments or (
-                delay and self._has_delay_left(task, at, follower, its_moment, delay)
+        for moment, follower, follower_moment, delay in task.followers:
+            if not moment & moments or (
+                delay and self._has_delay_left(task, moment, follower, follower_moment, delay)
             ):
                 continue
-            follower.held -= 1 << _SHIFT[its_moment]
+            follower.held -= 1 << _SHIFT[follower_moment]
             if not follower.held:
                 follower.leaders = None
             freed.append(follower)
-        self._keep_followers(
+        self._set_followers(
             task, [follower for follower in task.followers if not follower[0] & moments]
         )
         return freed
 
-    def _keep_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
+    def _set_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
         """Replace a task's list of followers by those that are left."""
         self.edges -= len(leader.followers or ()) - len(left)
         leader.followers = left or None
@@ -283,7 +283,7 @@ class Holds(Stored):
             self.ended_followers.pop(leader, None)
 
     def _has_delay_left(
-        self, task: Task, at: int, follower: Task, its_moment: int, delay: float
+        self, task: Task, moment: int, follower: Task, follower_moment: int, delay: float
     ) -> bool:
         """Start the delay of a follower.
 
@@ -291,9 +291,9 @@ class Holds(Stored):
         """
         if follower.reached == ALL_MOMENTS:
             return True
-        constraint = _constraint(task, at, follower, its_moment, delay)
+        constraint = _constraint(task, moment, follower, follower_moment, delay)
         if not self._never_comes(constraint.before):
-            self._release_later(follower, its_moment, constraint, delay)
+            self._release_later(follower, follower_moment, constraint, delay)
             return True
         if not follower.killed:
             self._facts.append(TimedOut(constraint))
@@ -319,7 +319,7 @@ class Holds(Stored):
             ended = self.ended_followers.get(leader, 0) + 1
             self.ended_followers[leader] = ended
             if ended > len(leader.followers) // 2 + VOID_ENTRIES:
-                self._keep_followers(
+                self._set_followers(
                     leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS]
                 )
                 self.ended_followers.pop(leader, None)
@@ -327,7 +327,7 @@ class Holds(Stored):
 
     # --- killed tasks -----------------------------------------------------------------------------
 
-    def bequeath(self, killed: list[Task]) -> None:
+    def pass_on(self, killed: list[Task]) -> None:
         """Make the followers of killed tasks wait for what those tasks waited for.
 
         This preserves the order of a sequence when a task in the middle is killed.
@@ -336,52 +336,55 @@ class Holds(Stored):
         group = _KilledTogether(set(killed), {})
         for task in killed:
             if task.leaders:
-                for at, follower, held, _ in list(task.followers or ()):
+                for moment, follower, follower_moment, _ in list(task.followers or ()):
                     if follower not in self.ending and (
-                        added := self.hand_on(task, at, follower, held, group)
+                        added := self.inherit(task, moment, follower, follower_moment, group)
                     ):
                         self._facts.append(Constrained(added))
 
-    def hand_on(
+    def inherit(
         self,
         killed: Task,
-        at: int,
+        moment: int,
         follower: Task,
-        held: int,
+        follower_moment: int,
         group: "_KilledTogether | None" = None,
     ) -> list[Constraint]:
-        """Make *follower* wait for everything that moment *at* of *killed* was waiting for.
+        """Make *follower_moment* of *follower* wait for everything that *moment* of *killed* waits
+        for.
 
-        It is moment *held* of the follower that waits. Returns the new constraints.
+        Returns the new constraints.
         """
-        if follower.reached & held:
+        if follower.reached & follower_moment:
             return []
-        holding = self._what_holds(killed, at, group or _KilledTogether(set(), {}))
-        for (_, its_moment), leader in holding.items():
-            self.hold(leader, its_moment, follower, held)
+        holding = self._leaders_of(killed, moment, group or _KilledTogether(set(), {}))
+        for (_, leader_moment), leader in holding.items():
+            self.hold(leader, leader_moment, follower, follower_moment)
         return [
-            _constraint(leader, its_moment, follower, held)
-            for (_, its_moment), leader in holding.items()
+            _constraint(leader, leader_moment, follower, follower_moment)
+            for (_, leader_moment), leader in holding.items()
         ]
 
-    def _what_holds(
-        self, killed: Task, at: int, group: "_KilledTogether"
+    def _leaders_of(
+        self, killed: Task, moment_of_killed: int, group: "_KilledTogether"
     ) -> "dict[tuple[int, int], Task]":
-        """Return the leaders that moment *at* of a killed task waits for, by (task id, moment).
+        """Return the leaders that *moment_of_killed* of a killed task waits for, by (task id,
+        moment).
 
-        Leaders that were killed together with it are replaced by what they wait for themselves.
+        If a leader was killed by the same kill, the result also has that leader's own leaders.
+        Leaders that end at once are left out.
         """
-        origin, known = (int(killed.id), at), group.known
+        origin, known = (int(killed.id), moment_of_killed), group.known
         if origin in known:
             return known[origin]
         found: dict[tuple[int, int], Task] = {}
-        frontier, seen = [(killed, at)], {origin}
+        frontier, seen = [(killed, moment_of_killed)], {origin}
         for task, moment in frontier:  # grows while it is walked
             no_later = RULES[task.message.is_goal].no_later[moment]
-            for its_own, leader_id, its_moment in task.leaders or ():
-                leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
+            for its_own, leader_id, leader_moment in task.leaders or ():
+                leader, place = self.tree.tasks.get(leader_id), (leader_id, leader_moment)
                 first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & its_moment or not no_later & first:
+                if leader is None or leader.reached & leader_moment or not no_later & first:
                     continue
                 if leader not in self.ending:
                     found[place] = leader
@@ -389,7 +392,7 @@ class Holds(Stored):
                     found.update(known[place])
                 elif leader in group.killed and place not in seen:
                     seen.add(place)
-                    frontier.append((leader, its_moment))
+                    frontier.append((leader, leader_moment))
         known[origin] = found
         return found
 
@@ -414,7 +417,7 @@ class Holds(Stored):
             else constraint
         )
 
-    def _to_come(self, constraint: Constraint, after: Place | None) -> Place | None:
+    def _pending_point(self, constraint: Constraint, after: Place | None) -> Place | None:
         """Return the point that a constraint holds back.
 
         None if its interval never begins because its task was killed before. Raises RequestError if
@@ -474,11 +477,11 @@ def _of_monitor(path: list[Place]) -> str:
 
 
 def _constraint(
-    leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0
+    leader: Task, leader_moment: int, follower: Task, moment: int, delay: float = 0
 ) -> Constraint:
     """Return the constraint as the journal and the client see it."""
     return Constraint(
-        Point(leader.id, _MOMENT[its_moment]), Point(follower.id, _MOMENT[moment]), delay
+        Point(leader.id, _MOMENT[leader_moment]), Point(follower.id, _MOMENT[moment]), delay
     )
 
 

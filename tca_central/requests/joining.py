@@ -20,8 +20,8 @@ from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
-from tca_central.requests.restarting import go_on_if_complete
-from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
+from tca_central.requests.restarting import release_if_complete
+from tca_central.requests.variables import forget_unfit_value, send_value_to_watcher
 from tca_central.requests.waiting import give_up
 from tca_central.state import State, cancelled_header, deliver_header, lose
 from tca_central.watching.taps import fire_after, listeners_come
@@ -53,7 +53,7 @@ def greet(
 ) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
-    _check(header)
+    _check_hello(header)
     session = f"{header.incarnation}/{header.connection}"
     _check_owner(central, header, session, principal)
     rights = _rights(central, header, principal)
@@ -81,11 +81,11 @@ def greet(
         _join(central, connection, header.resource)
     connection.pulse, connection.rights = header.pulse, rights
     on_hello_again(central, connection, header, b"")
-    _tell_again(central, connection)
-    go_on_if_complete(central)
+    _resend_all(central, connection)
+    release_if_complete(central)
 
 
-def _tell_again(central: State, connection: Connection) -> None:
+def _resend_all(central: State, connection: Connection) -> None:
     """Repeat what a connection that is back may have missed."""
     for orphan in connection.orphans:  # it has failed: a handler that still runs should stop
         central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
@@ -102,12 +102,12 @@ def _tell_again(central: State, connection: Connection) -> None:
                     central.tell(connection, cancelled_header(delivery))
     resource = connection.resource
     if resource is None:
-        _tell_of_hung_slots(central, connection)
+        _report_hung_slots(central, connection)
     elif resource.ahead_at is connection:
-        _tell_what_is_ahead(central, connection, resource)
+        _resend_prefetched(central, connection, resource)
 
 
-def _tell_what_is_ahead(central: State, connection: Connection, resource: ModuleResource) -> None:
+def _resend_prefetched(central: State, connection: Connection, resource: ModuleResource) -> None:
     """Send prefetched messages again, and the recall if one is in progress."""
     for place, delivery in enumerate(resource.ahead, len(connection.handling)):
         central.tell(connection, deliver_header(delivery, place), delivery.body)
@@ -115,14 +115,14 @@ def _tell_what_is_ahead(central: State, connection: Connection, resource: Module
         central.recall(connection)
 
 
-def _tell_of_hung_slots(central: State, connection: Connection) -> None:
+def _report_hung_slots(central: State, connection: Connection) -> None:
     """Repeat which slots of a module to replace, because their handlers hang."""
     for lost in central.registry.lost.values():
         if lost.was_replaced and lost.module is connection.module:
             central.tell(connection, headers.Replace(lost.number))
 
 
-def _check(header: headers.Hello) -> None:
+def _check_hello(header: headers.Hello) -> None:
     """Raise RequestError if the fields of a hello are not valid."""
     if header.version != PROTOCOL_VERSION:
         text = (
@@ -177,7 +177,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     """Add a connection to its module, with the state of a lost one of the same session."""
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
-        central.answers.hand_on(before, connection)
+        central.answers.transfer(before, connection)
         connection.last_number = before.last_number
         connection.tasks = before.tasks
         connection.orphans, connection.late, connection.lost_claims = (
@@ -231,7 +231,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
-        _note_orphan(connection, delivery, why)
+        _record_orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
@@ -242,8 +242,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _fail_or_drop(central, delivery, module, why, lost=lost, is_uncertain=is_uncertain)
         else:
-            _give_to_another(central, delivery)
-    go_on_if_complete(central)
+            _reassign(central, delivery)
+    release_if_complete(central)
 
 
 def on_grace_over(central: State, _: None) -> None:
@@ -275,7 +275,7 @@ def on_hung(central: State, delivery: Delivery) -> None:
             central.tell(own, headers.Replace(slot.number, what))
 
 
-def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
     what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.given_as)
@@ -290,10 +290,10 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
     """Remove a module that has no connection left, with all that it handled, held and retained."""
     if module.connections:
         if not module.handlers and not module.has_slots:  # it only sends
-            central.dispatcher.strand_all(central.registry.messages.values())
+            central.dispatcher.list_stranded(central.registry.messages.values())
         return
     remove_handlers(central, list(module.handlers.values()))
-    central.dispatcher.strand_all(central.registry.messages.values())
+    central.dispatcher.list_stranded(central.registry.messages.values())
     claims.end_claims_on_module(central, module, why)
     release_all(central, module)
     central.registry.forget_module(module)
@@ -327,7 +327,7 @@ def _fail_or_drop(
     fail_delivery(central, delivery, failure)
 
 
-def _give_to_another(central: State, delivery: Delivery) -> None:
+def _reassign(central: State, delivery: Delivery) -> None:
     """Give a delivery that its module had not begun to another handler."""
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
@@ -418,7 +418,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     handler = Handler(message, module, resource, handled)
     central.dispatcher.add_handler(handler)
     direct_routes.review(central, [message])
-    tell_new_watcher(central, handler)
+    send_value_to_watcher(central, handler)
 
 
 def on_unregister(
@@ -435,7 +435,9 @@ def on_unregister(
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
     """A slot returns prefetched messages. If it may not handle one any more, it goes elsewhere."""
-    moved = central.dispatcher.take_back(connection, header.deliveries, is_answer=header.is_answer)
+    moved = central.dispatcher.return_prefetched(
+        connection, header.deliveries, is_answer=header.is_answer
+    )
     _send_elsewhere(central, moved, connection.module.name)
 
 

@@ -34,11 +34,11 @@ def change_permissions(central: State, event: PermissionsChanged) -> None:
                     central, connection, "the permissions do not let it in any more", lost=True
                 )
         if rights is not None:
-            _take_away(central, module, rights)
+            _remove_forbidden(central, module, rights)
     direct_routes.review_licences(central)
 
 
-def _take_away(central: State, module: Module, rights: Rights) -> None:
+def _remove_forbidden(central: State, module: Module, rights: Rights) -> None:
     """Remove a module's handlers and wiretaps that its rights do not allow."""
     handled = [
         one

@@ -33,7 +33,7 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
     """
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None:
-        delivery = central.dispatcher.begun_ahead(connection, delivery_id)
+        delivery = central.dispatcher.begin_prefetched(connection, delivery_id)
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):
             central.facts.append(facts.Ignored(connection.module.name, late))
@@ -67,13 +67,13 @@ def on_replies(
     if sizes != len(body):
         raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
     for run in header.ended:
-        connection.begins = connection.then(now, run.ago + run.took)
+        connection.begins = connection.to_central_time(now, run.ago + run.took)
         mine, at = body[at : at + run.size], at + run.size
         try:
             _return(central, connection, run.delivery, mine or NIL, run.took, ago=run.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
-    connection.begins = connection.then(now, header.begun) if header.begun >= 0 else 0.0
+    connection.begins = connection.to_central_time(now, header.begun) if header.begun >= 0 else 0.0
 
 
 def _return(
@@ -101,7 +101,7 @@ def _return(
             b"",
         )
         return
-    ended = max(delivery.since, connection.then(now, ago)) if ago else now
+    ended = max(delivery.since, connection.to_central_time(now, ago)) if ago else now
     central.facts.append(
         facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0)
     )
@@ -188,7 +188,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
         _answer_query(central, delivery, answer, failure.body, failure.kinds)
 
 
-def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
+def report_displaced(central: State, delivery: Delivery, why: str) -> None:
     """Report that a waiting delivery gave way to a newer one of its message."""
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))

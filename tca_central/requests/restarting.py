@@ -36,20 +36,20 @@ def on_restarted(central: State, event: Restarted) -> None:
     central.facts.append(
         facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside)
     )
-    go_on_if_complete(central)
+    release_if_complete(central)
 
 
-def go_on_if_complete(central: State) -> None:
+def release_if_complete(central: State) -> None:
     """Let tasks start again when no connection is awaited, and no operator must resume them."""
     if central.dispatcher.is_holding and not central.hold.awaited and not central.hold.until_told:
-        _go_on(central, "")
+        _release_tasks(central, "")
 
 
 def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: bytes) -> None:
     """Let tasks start again, as an operator requests, although connections are missing."""
     if central.dispatcher.is_holding:
         central.hold.until_told = False
-        _go_on(central, connection.module.name)
+        _release_tasks(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:
         central.ignore(
@@ -57,10 +57,10 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
         )
 
 
-def _go_on(central: State, by: str) -> None:
+def _release_tasks(central: State, by: str) -> None:
     """Let tasks start again."""
     if not central.hold.awaited:
         central.clock.cancel(central.hold.grace)
         central.hold.grace = None
-    central.dispatcher.go_on(central.registry.modules.values())
+    central.dispatcher.release_tasks(central.registry.modules.values())
     central.facts.append(facts.WentOn(by))

@@ -212,7 +212,7 @@ def _route_task(
         central.accept_task(connection, header.number, task.id, quiet=header.quiet)
 
 
-def note_refusal(central: State, header: Send, text: str) -> None:
+def record_refusal(central: State, header: Send, text: str) -> None:
     """Record the refusal of an unconfirmed task.
 
     The handler that sent the task fails at its end, unless its reply says that it knows.

@@ -75,7 +75,7 @@ def on_set_variable(
     central.facts.append(
         facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, [])
     )
-    central.variables.put(message.name, Value(body, message.format.data, sender, made.id))
+    central.variables.set(message.name, Value(body, message.format.data, sender, made.id))
     # A handler without slots is included: it gets the newest value when it has one.
     for handler in message.handlers:
         central.dispatcher.route(copy_of(central, made), handler.resource)
@@ -85,7 +85,7 @@ def on_set_variable(
         central.accept(connection, header.number, made.id)
 
 
-def tell_new_watcher(central: State, handler: Handler) -> None:
+def send_value_to_watcher(central: State, handler: Handler) -> None:
     """Send a variable's value to a new watcher."""
     message = handler.message
     if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):

@@ -57,7 +57,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
     awaited = [one for one in found if isinstance(one, Awaited)]
     observed = [one for one in awaited if isinstance(one, Observation)]
     if connection.untold and not observed:
-        central.tell_tasks(connection)
+        central.confirm_tasks(connection)
     if header.seen < 0:
         for one in observed:
             central.end_observers_wait(one)
@@ -168,6 +168,6 @@ def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, .
     if delivery.queues is None:
         central.facts.extend(dropped)
         if delivery.slot is not None:
-            central.doubt(delivery.slot, delivery)
+            central.expect_return(delivery.slot, delivery)
     else:
         central.dispatcher.withdraw(delivery, dropped=dropped)

@@ -44,11 +44,11 @@ class ToldLate:
         self.recalled: list[Connection] = []
         self.most = self.recalls = self.tapped = 0
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        del is_there
-        self.central.deliver(delivery, slot, is_there=False)
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        del is_prefetched
+        self.central.deliver(delivery, slot, is_prefetched=False)
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         assert slot.resource is not None
         self.tapped += bool(delivery.message.taps)
         self.most = max(self.most, len(slot.resource.ahead))

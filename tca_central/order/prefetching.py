@@ -22,13 +22,13 @@ QUICK_RUNS = 8
 """Number of fast runs in a row before a slot gets prefetched messages."""
 
 
-class Out(Protocol):
+class DispatchOutput(Protocol):
     """The ways in which decisions of this room leave central."""
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """Give a slot a delivery; *is_there*: the slot has prefetched it."""
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        """Give a slot a delivery; *is_prefetched*: the slot has prefetched it."""
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a delivery before it is free."""
 
     def recall(self, slot: Connection) -> None:
@@ -40,7 +40,7 @@ class MessagesAhead(Stored):
 
     __slots__ = ("_clock", "_out", "trusts_all")
 
-    def __init__(self, out: Out, clock: Clock) -> None:
+    def __init__(self, out: DispatchOutput, clock: Clock) -> None:
         self._out, self._clock = out, clock
         self.trusts_all = False  #: every handler counts as fast: for the explorer
 
@@ -55,14 +55,15 @@ class MessagesAhead(Stored):
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
         while (
-            len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None
+            len(resource.ahead) < slot.prefetch
+            and (delivery := resource.next_to_prefetch()) is not None
         ):
-            if not _may_go_ahead(delivery, resource):
+            if not _can_be_prefetched(delivery, resource):
                 return
-            resource.send_ahead(delivery)
-            self._out.send_ahead(delivery, slot)
+            resource.mark_prefetched(delivery)
+            self._out.send_prefetched(delivery, slot)
 
-    def make_way(
+    def recall_if_overtaken(
         self, resource: Resource[Connection, Delivery], newest: Delivery | ModuleClaim
     ) -> None:
         """Recall prefetched messages if *newest* goes before one of them."""
@@ -89,17 +90,17 @@ class MessagesAhead(Stored):
             self._out.recall(resource.ahead_at)
 
 
-def note_run(resource: ModuleResource, seconds: float) -> None:
+def record_run(resource: ModuleResource, seconds: float) -> None:
     """Record how long a handler took."""
     resource.quick_runs = resource.quick_runs + 1 if seconds <= QUICK else 0
 
 
-def first_ahead(slot: Connection) -> Delivery | None:
+def first_prefetched(slot: Connection) -> Delivery | None:
     """Return the message that a slot will handle next, if it has prefetched it."""
     return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
 
 
-def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
+def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
     """Whether only its place in the queue decides when a delivery is handled.
 
     It is not a task, waits for no other resource, and no wiretap fires when it is delivered.
