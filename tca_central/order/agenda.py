@@ -384,9 +384,8 @@ class Agenda(Stored):
             return task.returned
         if task.recovery is not None and task.recovery.unprocessed_handlers and not task.killed:
             return False  # it may fail again, and then wait for another exception handler
-        if moment == END_ACHIEVING:
-            return not task.children
-        return not (moment == END_PLANNING and task.unplanned)
+        open_children = task.children if moment == END_ACHIEVING else task.unplanned
+        return not open_children
 
     def _reach(self, task: Task, moments: int) -> None:
         """Record *moments* of a task as reached, and queue everything that this may advance."""

@@ -155,7 +155,7 @@ class Holds(Stored):
     def hold(
         self, leader: Task, leader_moment: int, task: Task, moment: int, delay: float = 0
     ) -> None:
-        """Make *moment* of *task* wait for *leader_moment* of *leader*, and *delay* seconds more."""
+        """Make *moment* of *task* wait for *leader_moment* of *leader*, plus *delay* seconds."""
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((leader_moment, task, moment, delay))
@@ -350,8 +350,7 @@ class Holds(Stored):
         follower_moment: int,
         group: "_KilledTogether | None" = None,
     ) -> list[Constraint]:
-        """Make *follower_moment* of *follower* wait for everything that *moment* of *killed* waits
-        for.
+        """Make a moment of *follower* wait for everything that *moment* of *killed* waits for.
 
         Returns the new constraints.
         """
@@ -368,8 +367,7 @@ class Holds(Stored):
     def _leaders_of(
         self, killed: Task, moment_of_killed: int, group: "_KilledTogether"
     ) -> "dict[tuple[int, int], Task]":
-        """Return the leaders that *moment_of_killed* of a killed task waits for, by (task id,
-        moment).
+        """Return the leaders of *moment_of_killed* of a killed task, by (task id, moment).
 
         If a leader was killed by the same kill, the result also has that leader's own leaders.
         Leaders that end at once are left out.
