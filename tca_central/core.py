@@ -267,7 +267,7 @@ class Central(State):
 
         The line of the known connection is broken, and central had not noticed.
         """
-        joining.disconnect(self, before, "the line of somebody else has its name", lost=True)
+        joining.disconnect(self, before, "a connection of another user has its name", lost=True)
         return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:

@@ -519,7 +519,8 @@ class State(Waits):
             self.budget.refused += 1
             what = "declarations, attachments, claims, waits and timers"
             raise RequestError(
-                Refusal.OVERLOAD, _over_budget(what, held, most, "end those that nobody needs")
+                Refusal.OVERLOAD,
+                _over_budget(what, held, most, "end those that are no longer needed"),
             )
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:

@@ -67,7 +67,7 @@ def _why_not_replied(central: State, collector: Collector) -> str:
         told.append(words.not_answered(replies_to(central, collector)))
     text, end = "; ".join(told), collector.end
     has_replies = end is not None and end[0].outcome is Outcome.DONE
-    return text if has_replies or not text else f"nobody replied: {text}"
+    return text if has_replies or not text else f"no module replied: {text}"
 
 
 def why_not_granted(central: State, claim: ModuleClaim) -> str:

@@ -72,11 +72,11 @@ def _forget(central: State, message: MessageType) -> None:
     """Forget a message, its value, and the informs that wait for a handler of it."""
     if (value := central.variables.values.get(message.name)) is not None:
         central.variables.forget(message.name)
-        why = "nobody declares it any more, and its place was needed"
+        why = "no module declares it any more, and its place was needed"
         central.facts.append(facts.Dropped(value.message_id, message.name, why))
     for inform in list(message.waiting.values()):
         central.dispatcher.withdraw(inform)
-        why = "nobody handles it, who declared it has left, and its name's place was needed"
+        why = "it has no handler, its module has left, and room was needed for other names"
         lose(central, inform, why, Dropping.OVERLOAD)
         central.budget.refused += 1
     for connection in message.senders_told:

@@ -264,7 +264,7 @@ def on_hung(central: State, delivery: Delivery) -> None:
         return
     what = (
         f"its handler of '{delivery.message.name}' hangs: "
-        f"nobody has waited for it for {slot.hung_after:g} s"
+        f"it has not been needed for {slot.hung_after:g} s"
     )
     slot.was_replaced = True
     slot.resource.replaced += 1
@@ -357,7 +357,9 @@ def on_register(central: State, connection: Connection, header: headers.Register
         check_name("resource", handled.resource)
         check_name("pool", handled.pool, or_none=True)
         if handled.message not in new and handled.message not in registry.messages:
-            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+            raise RequestError(
+                Refusal.UNKNOWN, f"no module has declared message '{handled.message}'"
+            )
         if handled.pending < 0:
             text = (
                 f"pending={handled.pending} of '{handled.message}': "

@@ -45,7 +45,7 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
     """Check a message that a module sends, and route it by its class."""
     message = central.registry.messages.get(header.message)
     if message is None:
-        text = f"nobody has declared message '{header.message}': register it before it is sent"
+        text = f"no module has declared message '{header.message}': register it before you send it"
         raise RequestError(Refusal.UNKNOWN, text)
     _check_message(central, header, message)
     if header.when_killed:

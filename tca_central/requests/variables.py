@@ -26,7 +26,7 @@ def _variable(central: State, name: str) -> MessageType:
     message = central.registry.messages.get(name)
     if message is None:
         raise RequestError(
-            Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first"
+            Refusal.UNKNOWN, f"no module has declared variable '{name}': register it first"
         )
     if not message.message_class.keeps_value:
         raise RequestError(
@@ -99,5 +99,5 @@ def forget_unfit_value(central: State, message: MessageType) -> None:
     value = central.variables.values.get(message.name)
     if value is not None and first_difference(value.format, message.format.data):
         central.variables.forget(message.name)
-        why = "its variable was declared anew with another format"
+        why = "its variable was declared again with another format"
         central.facts.append(facts.Dropped(value.message_id, message.name, why))
