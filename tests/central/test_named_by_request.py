@@ -121,7 +121,7 @@ def test_what_names_a_refused_task_is_refused(name: str) -> None:
     )
     number = player.number("user")
     (answer,) = player.receive("user", NAMING[name](number, TaskId(-refused)))
-    text = f"there is no task of request {refused}: that was refused, or {REMEMBERED_TASKS} others have been sent since"
+    text = f"there is no task of request {refused}: it was refused, or {REMEMBERED_TASKS} others have been sent since"
     assert answer == Refused(number, Refusal.UNKNOWN, text)
 
 

@@ -16,7 +16,7 @@ from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import Effect, RequestReceived, Tick
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_wire.packets import headers
 from tca_wire.packets.parts import EndedRun
 from tca_wire.points import TaskId
@@ -26,8 +26,8 @@ from tca_wire.vocabulary import Condition
 @pytest.fixture(autouse=True, scope="module")
 def every_handler_is_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ahead, "QUICK", float("inf"))
-        patch.setattr(ahead, "QUICK_RUNS", 0)
+        patch.setattr(prefetching, "QUICK", float("inf"))
+        patch.setattr(prefetching, "QUICK_RUNS", 0)
         yield
 
 
