@@ -346,10 +346,10 @@ class State(Waits):
         self.unblock(connection, number)
         # A coroutine still awaits the others.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
-        for one in (observation, *map(connection.outstanding.get, others)):
-            if isinstance(one, Observation) and one.is_awaited:
-                one.is_awaited = False
-                self.facts.append(facts.WaitEnded(*one.wait))
+        for awaited in (observation, *map(connection.outstanding.get, others)):
+            if isinstance(awaited, Observation) and awaited.is_awaited:
+                awaited.is_awaited = False
+                self.facts.append(facts.WaitEnded(*awaited.wait))
 
     # --- messages to modules ----------------------------------------------------------------------
 

@@ -151,15 +151,15 @@ def on_look(central: State, _: None) -> None:
 
 def _check_next(central: State, scan: DeadlockScan) -> None:
     """Check the next node of a search."""
-    one = scan.starts[-1]
-    if isinstance(one, Connection):
+    start = scan.starts[-1]
+    if isinstance(start, Connection):
         scan.search.count_edge()
         scan.starts.pop()
-        if one.handling:
-            scan.starts.extend(Waiting(one, number) for number in reversed(one.waits))
+        if start.handling:
+            scan.starts.extend(Waiting(start, number) for number in reversed(start.waits))
         return
-    if _is_there(one):
-        scan.search = _resolve_all(central, scan.search, one)
+    if _is_there(start):
+        scan.search = _resolve_all(central, scan.search, start)
     elif scan.search.is_under_way:  # the wait has ended: the rest of its search is not needed
         scan.search = scan.search.restarted()
     scan.starts.pop()
@@ -321,15 +321,15 @@ def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
 
 
 def _waiter(central: State, node: Node) -> Waiter:
-    who, module = _delivery_of(central, node), ""
+    subject, module = _delivery_of(central, node), ""
     match node:
         case Waiting(connection, _):
             module = connection.module.name
         case Granting(claim):
-            who, module = claim.holder, claim.slot.module.name
+            subject, module = claim.holder, claim.slot.module.name
         case Releasing(claim):
-            who = claim.holder
+            subject = claim.holder
         case TurnAt(delivery, _):
-            who = delivery
-    number, name = (who.message_id, who.message.name) if who is not None else (0, "")
+            subject = delivery
+    number, name = (subject.message_id, subject.message.name) if subject is not None else (0, "")
     return Waiter(number, name, module)

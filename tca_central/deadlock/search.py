@@ -114,8 +114,8 @@ class Search:
                 self._mark_live(node)
                 continue
             self._at[node] = group
-            for one in group:
-                self._users.setdefault(one, []).append((node, group))
+            for needed in group:
+                self._users.setdefault(needed, []).append((node, group))
             self._meet(reversed(group))
 
     def _next_group(self, node: Node) -> Group | None:

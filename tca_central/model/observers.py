@@ -86,15 +86,15 @@ class Observers(Stored):
             return False
         return bool(self.others) or task.message.name in self.groups or task.id in self.groups
 
-    def add(self, one: Observation) -> None:
+    def add(self, observation: Observation) -> None:
         """Add an observation."""
-        self.groups.setdefault(_subject(one), {})[one] = None
+        self.groups.setdefault(_subject(observation), {})[observation] = None
         self.count += 1
 
-    def remove(self, one: Observation) -> None:
+    def remove(self, observation: Observation) -> None:
         """Remove an observation."""
-        subject = _subject(one)
-        del self.groups[subject][one]
+        subject = _subject(observation)
+        del self.groups[subject][observation]
         self.count -= 1
         if not (self.groups[subject] or subject == OTHERS):
             del self.groups[subject]
@@ -103,8 +103,8 @@ class Observers(Stored):
         """Yield the observations of a task, each once."""
         yield from self.groups.get(task.id, ())
         yield from self.groups.get(task.message.name, ())
-        yield from (one for one in self.others if one.wants(task))
+        yield from (observation for observation in self.others if observation.wants(task))
 
 
-def _subject(one: Observation) -> int | str:
-    return one.task_id or (OTHERS if one.below else one.message)
+def _subject(observation: Observation) -> int | str:
+    return observation.task_id or (OTHERS if observation.below else observation.message)

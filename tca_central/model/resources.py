@@ -86,10 +86,10 @@ class Queue(Stored, Generic[Q]):
             tuple[int, int, int, Q]
         ] = []  #: (-priority, arrival, ticket, waiting entry)
 
-    def add(self, one: Q) -> None:
+    def add(self, entry: Q) -> None:
         """Add an entry."""
         self.waiting += 1
-        heapq.heappush(self._heap, (-one.priority, one.arrival, one.ticket, one))
+        heapq.heappush(self._heap, (-entry.priority, entry.arrival, entry.ticket, entry))
 
     def mark_void(self) -> None:
         """Count one more void entry. The heap is rebuilt when more than half of it is void."""
@@ -103,15 +103,15 @@ class Queue(Stored, Generic[Q]):
     def first(self) -> Q | None:
         """Return the next in line. It stays until it is withdrawn."""
         while self._heap:
-            _, _, ticket, one = self._heap[0]
-            if one.ticket == ticket:
-                return one
+            _, _, ticket, entry = self._heap[0]
+            if entry.ticket == ticket:
+                return entry
             heapq.heappop(self._heap)
         return None
 
     def __iter__(self) -> Iterator[Q]:
         """Yield all waiting entries, in no particular order."""
-        return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
+        return (entry for _, _, ticket, entry in self._heap if entry.ticket == ticket)
 
 
 class Claim(Stored, Generic[S, Q]):
@@ -279,37 +279,37 @@ class Resource(Stored, Generic[S, Q]):
 
     # --- the queue --------------------------------------------------------------------------------
 
-    def queue(self, one: Q) -> None:
+    def queue(self, message: Q) -> None:
         """Queue a message."""
-        self._queue.add(one)
+        self._queue.add(message)
         if self._sent_by is not None:
-            self._add_by_sender(self._sent_by, one)
+            self._add_by_sender(self._sent_by, message)
 
     @staticmethod
-    def _add_by_sender(sent_by: dict[object, Queue[Q]], one: Q) -> None:
+    def _add_by_sender(sent_by: dict[object, Queue[Q]], message: Q) -> None:
         """Add a message to the queue of its sender."""
-        sender = one.sent_by
+        sender = message.sent_by
         if sender not in sent_by:
             sent_by[sender] = Queue()
-        sent_by[sender].add(one)
+        sent_by[sender].add(message)
 
-    def leave_queue(self, one: Q) -> None:
+    def leave_queue(self, message: Q) -> None:
         """Remove a message: its entries have become void."""
         if self.called_back:
-            self.called_back.pop(one, None)
-        if one in self.ahead:
-            del self.ahead[one]
+            self.called_back.pop(message, None)
+        if message in self.ahead:
+            del self.ahead[message]
             return
         self._queue.mark_void()
         if self._sent_by is not None:
-            of_sender = self._sent_by[one.sent_by]
+            of_sender = self._sent_by[message.sent_by]
             of_sender.mark_void()
             if not of_sender.waiting:
-                del self._sent_by[one.sent_by]
+                del self._sent_by[message.sent_by]
 
     def queued(self) -> Iterator[Q]:
         """Yield the waiting messages, in no particular order."""
-        return chain(self.ahead, (one for one in self._queue if not isinstance(one, Claim)))
+        return chain(self.ahead, (entry for entry in self._queue if not isinstance(entry, Claim)))
 
     def first_message(self) -> Q | None:
         """Return the first waiting message, whatever claims precede it."""
@@ -318,7 +318,10 @@ class Resource(Stored, Generic[S, Q]):
 
     def in_line(self) -> list[Q | Claim[S, Q]]:
         """Return the waiting messages and claims, in their order."""
-        return [*self.ahead, *sorted(self._queue, key=lambda one: (-one.priority, one.arrival))]
+        return [
+            *self.ahead,
+            *sorted(self._queue, key=lambda entry: (-entry.priority, entry.arrival)),
+        ]
 
     def next_queued(self) -> Q | Claim[S, Q] | None:
         """Return what may be admitted next: a message, or a claim to grant now."""
@@ -332,11 +335,11 @@ class Resource(Stored, Generic[S, Q]):
     def next_question(self) -> Q | None:
         """Return the next message to admit while tasks may not start; None behind a claim."""
         others = [
-            one
-            for one in self._queue
-            if not one.is_task and (isinstance(one, Claim) or self.admits(one))
+            entry
+            for entry in self._queue
+            if not entry.is_task and (isinstance(entry, Claim) or self.admits(entry))
         ]
-        first = min(others, key=lambda one: (-one.priority, one.arrival), default=None)
+        first = min(others, key=lambda entry: (-entry.priority, entry.arrival), default=None)
         return None if isinstance(first, Claim) or self.is_recalling else first
 
     # --- prefetched messages ----------------------------------------------------------------------
@@ -386,8 +389,8 @@ class Resource(Stored, Generic[S, Q]):
             return None
         if self._sent_by is None:
             self._sent_by = {}
-            for one in self.queued():
-                self._add_by_sender(self._sent_by, one)
+            for message in self.queued():
+                self._add_by_sender(self._sent_by, message)
         mine = self._sent_by.get(self.held_by.owner)
         return mine.first() if mine is not None else None
 
@@ -419,9 +422,9 @@ class Resource(Stored, Generic[S, Q]):
 
     def _can_be_granted(self, claim: Claim[S, Q]) -> bool:
         """Whether a claim is first in all copies, and all are empty apart from the claimant."""
-        if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
+        if any(copy._first_in_line() is not claim for copy in self.copies):  # noqa: SLF001
             return False
-        inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
+        inside = [slot for copy in self.copies for slot in copy.slots if not copy.is_free(slot)]
         return not inside or inside == [claim.slot]
 
     def add_claim(self, claim: Claim[S, Q]) -> None:
@@ -430,10 +433,10 @@ class Resource(Stored, Generic[S, Q]):
         One from inside the resource goes first: its slot is busy until its handler returns, so that
         waiting for others would never end.
         """
-        if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
+        if any(claim.slot in copy.slots and not copy.is_free(claim.slot) for copy in self.copies):
             claim.priority = INSIDE
-        for one in self.copies:
-            one._wait(claim)  # noqa: SLF001
+        for copy in self.copies:
+            copy._wait(claim)  # noqa: SLF001
 
     def _wait(self, claim: Claim[S, Q]) -> None:
         """Queue a claim in this copy."""
@@ -445,18 +448,18 @@ class Resource(Stored, Generic[S, Q]):
         if self.held_by is not claim:
             self._leave_queues(claim)
             return
-        for one in self.copies:
-            one.held_by = None
+        for copy in self.copies:
+            copy.held_by = None
 
     def grant(self, claim: Claim[S, Q]) -> None:
         """Grant a claim: it excludes all others from now on."""
         self._leave_queues(claim)
-        for one in self.copies:
-            one.held_by = claim
+        for copy in self.copies:
+            copy.held_by = claim
 
     def _leave_queues(self, claim: Claim[S, Q]) -> None:
         """Remove a claim from the queues of all copies."""
         claim.ticket += 1
-        for one in self.copies:
-            del one.claims[claim]
-            one._queue.mark_void()  # noqa: SLF001
+        for copy in self.copies:
+            del copy.claims[claim]
+            copy._queue.mark_void()  # noqa: SLF001

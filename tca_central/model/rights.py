@@ -72,8 +72,8 @@ def matches(name: str, patterns: Iterable[str]) -> bool:
 
 def rights_of(rules: Iterable[AccessRule], principal: str, module: str) -> Rights | None:
     """Return the rights of a principal as a module of that name. None: no rule admits it."""
-    who = principal or OWNER
-    found = [rule for rule in rules if matches(who, rule.keys) and matches(module, rule.modules)]
+    owner = principal or OWNER
+    found = [rule for rule in rules if matches(owner, rule.keys) and matches(module, rule.modules)]
     if not found:
         return None
     patterns: dict[Permission, tuple[str, ...]] = {}

@@ -198,9 +198,9 @@ class TaskTree(Stored):
             yield node
             if node.children:
                 stack.extend(
-                    one
-                    for one in reversed(node.children.values())
-                    if not (doomed and one.role.survives)
+                    child
+                    for child in reversed(node.children.values())
+                    if not (doomed and child.role.survives)
                 )
 
 

@@ -413,10 +413,10 @@ class KeptTask(Stored):
 
     def lineage(self) -> "Iterator[Task | KeptTask]":
         """Yield this record and its ancestors, without the root."""
-        one: Task | KeptTask | None = self
-        while one is not None and one.id != ROOT:
-            yield one
-            one = one.parent
+        ancestor: Task | KeptTask | None = self
+        while ancestor is not None and ancestor.id != ROOT:
+            yield ancestor
+            ancestor = ancestor.parent
 
 
 class Watch(Stored):
@@ -493,10 +493,10 @@ def involved(delivery: Delivery) -> Involved:
     return Involved(delivery.id, delivery.message.name if delivery.id else "")
 
 
-def place_of(one: AttachedHandler | Wiretap) -> Task | MessageType:
+def place_of(attachment: AttachedHandler | Wiretap) -> Task | MessageType:
     """Return the task or message type that an exception handler or wiretap is attached to."""
-    assert isinstance(one.place, Task | MessageType)
-    return one.place
+    assert isinstance(attachment.place, Task | MessageType)
+    return attachment.place
 
 
 def held_bytes(asked: list[ClientRequest]) -> int:

@@ -220,8 +220,10 @@ def _of_claim(_: State, node: Granting, each: Each) -> Groups:
     for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
         yield [_emptied(slot)] if slot.handling and slot is not claim.slot else None
     key = -claim.priority, claim.arrival
-    for one in each(resource.claims):
-        yield [Granting(one)] if (-one.priority, one.arrival) < key else None
+    for other_claim in each(resource.claims):
+        yield (
+            [Granting(other_claim)] if (-other_claim.priority, other_claim.arrival) < key else None
+        )
 
 
 def _of_release(central: State, node: Releasing, each: Each) -> Groups:
@@ -329,8 +331,8 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
     Starts that are reached together count as one point.
     """
     same = reached_together(Place(task, moment))
-    for one in (one for one in SINGLE_MOMENTS if one & same):
-        for before in predecessors(central.tree, Place(task, one), each):
+    for own_moment in (single for single in SINGLE_MOMENTS if single & same):
+        for before in predecessors(central.tree, Place(task, own_moment), each):
             other = before.task
             is_past = other.reached & before.moment or (other is task and before.moment & same)
             is_child = other.parent is task and before.moment == END_ACHIEVING
@@ -360,12 +362,12 @@ def _of_actions(central: State, monitor: Task) -> Groups:
     """The needs for what a monitor has sent, oldest first, also by monitors among that."""
     rest = [monitor]
     while rest:
-        one = rest.pop()
-        if only_watches(central, one):
-            rest += reversed((one.children or {}).values())
+        open_monitor = rest.pop()
+        if only_watches(central, open_monitor):
+            rest += reversed((open_monitor.children or {}).values())
             yield None
         else:
-            yield [Place(one, END_ACHIEVING)]
+            yield [Place(open_monitor, END_ACHIEVING)]
 
 
 def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:

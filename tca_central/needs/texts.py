@@ -79,16 +79,16 @@ def why_not_granted(central: State, claim: ModuleClaim) -> str:
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:
     """Return why a queue for a message (for *targets* only) accepts no more."""
     if not targets and not message.handlers:
-        number, who = len(message.waiting), "no more"
+        number, admitted = len(message.waiting), "no more"
         first = next(iter(message.waiting.values()), None)
         wait = WaitFor(WaitKind.HANDLER, name=message.name)
     else:
         resource, *others = targets or message.candidates
-        number, who = resource.waiting, "only tasks"
+        number, admitted = resource.waiting, "only tasks"
         first = resource.first_message()
         node = TurnAt(first, resource) if first is not None else Freeing(resource)
         wait = of_resource(central, resource, node, len(others))
     text = f"{counted(number, 'message')} wait{'s' * (number == 1)} {words.in_words(wait)}"
     if first is not None:
         text += f", {numbered(first.message.name, first.message_id)} first in line"
-    return f"{text}; from {dispatcher.QUEUE_LIMIT:,} on {who} are let in"
+    return f"{text}; from {dispatcher.QUEUE_LIMIT:,} on {admitted} are let in"

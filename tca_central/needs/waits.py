@@ -87,9 +87,9 @@ def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
             yield from _for_what(claim)
 
 
-def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
+def _about(kind: WaitKind, delivery: Delivery, moment: int = 0) -> WaitFor:
     """A wait for a message or task."""
-    return WaitFor(kind, one.message_id, one.message.name, moment)
+    return WaitFor(kind, delivery.message_id, delivery.message.name, moment)
 
 
 def _at(
@@ -309,10 +309,10 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
     """The waits for whatever is in a resource, holds it, or claims it first."""
     found = []
     groups = islice(needs(central, node), _LOOKED_AT)
-    for one in (one for group in groups for one in group or ()):
-        match one:
+    for needed in chain.from_iterable(group or () for group in groups):
+        match needed:
             case Freeing():
-                found += _blockers(central, one)
+                found += _blockers(central, needed)
             case Returning(delivery):
                 found.append(_about(WaitKind.RUNNING, delivery))
             case Granting(claim):

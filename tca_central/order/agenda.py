@@ -267,18 +267,18 @@ class Agenda(Stored):
         Nothing in a suspended subtree is started. Running handlers continue.
         """
         changed = []
-        for one in self.tree.subtree(task):
-            if one.suspended is not resume:
+        for node in self.tree.subtree(task):
+            if node.suspended is not resume:
                 continue
-            one.suspended = not resume
-            changed.append(one)
-            self._check_parent(one)
+            node.suspended = not resume
+            changed.append(node)
+            self._check_parent(node)
             if resume:
-                self.to_advance.append(one)
-                if one.message.message_class.is_monitor:
-                    self.resumed_monitors.append(one)
-            elif one.requested and one.queues is not None:
-                self._withdraw(one, is_suspended=True)
+                self.to_advance.append(node)
+                if node.message.message_class.is_monitor:
+                    self.resumed_monitors.append(node)
+            elif node.requested and node.queues is not None:
+                self._withdraw(node, is_suspended=True)
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Stored) -> None:

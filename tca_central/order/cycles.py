@@ -145,17 +145,19 @@ class Borders:
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
         """Record a constraint that leaves subtrees of *task* and enters subtrees of *follower*."""
-        one, other = task.parent, follower.parent
-        while one is not other:
+        leader_side, follower_side = task.parent, follower.parent
+        while leader_side is not follower_side:
             yield
             # A parent has a lower id than its children, so the younger of the two steps up.
-            if other is None or (one is not None and one.id > other.id):
-                assert one is not None
-                self._ahead.add(one)
-                one = one.parent
+            if follower_side is None or (
+                leader_side is not None and leader_side.id > follower_side.id
+            ):
+                assert leader_side is not None
+                self._ahead.add(leader_side)
+                leader_side = leader_side.parent
             else:
-                self._behind.add(other)
-                other = other.parent
+                self._behind.add(follower_side)
+                follower_side = follower_side.parent
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
         """Whether the search from the start must look below a task.

@@ -157,19 +157,23 @@ class Dispatcher(Stored):
         if len(deliveries) > 1:
             for delivery in deliveries:
                 self._arrive(delivery)
-            in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
+            in_turn = sorted(
+                deliveries, key=lambda delivery: (-delivery.priority, delivery.arrival)
+            )
             left = [
-                one for one in in_turn if not self._assign_free_slot(one, one.message.candidates)
+                delivery
+                for delivery in in_turn
+                if not self._assign_free_slot(delivery, delivery.message.candidates)
             ]
-            deliveries = sorted(left, key=lambda one: one.arrival)
+            deliveries = sorted(left, key=lambda delivery: delivery.arrival)
         for delivery in deliveries:
             self.route(delivery)
 
-    def _arrive(self, one: Delivery | ModuleClaim) -> None:
+    def _arrive(self, waiting: Delivery | ModuleClaim) -> None:
         """Number an arrival: the numbers decide among equal priorities."""
-        if not one.arrival:
+        if not waiting.arrival:
             self._arrivals += 1
-            one.arrival = self._arrivals
+            waiting.arrival = self._arrivals
 
     def _assign_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
         """Deliver to a free slot. Return False if all are busy."""
