@@ -37,7 +37,7 @@ class RequestReceived(msgspec.Struct, frozen=True):
     principal: str = ""
     """The sender's owner: a key's name, or "uid:N" for another user of this computer.
 
-    It is "" for the user who runs central.
+    It is "" for central's own user.
     """
 
 

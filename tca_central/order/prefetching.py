@@ -14,10 +14,9 @@ from tca_wire.journal.facts import Fact
 from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
-"""Seconds. Messages are prefetched by slots whose latest handlers took no longer than this."""
+"""Seconds. A slot gets prefetched messages only while its handlers take no longer than this."""
 LARGEST = 16 << 10
-"""Bytes of data in a prefetched message: until it is handled it takes memory in the slot as well.
-"""
+"""Bytes. Larger messages are not prefetched: on their way they take memory until they are read."""
 QUICK_RUNS = 8
 """Number of fast runs in a row before a slot gets prefetched messages."""
 
@@ -26,7 +25,7 @@ class DispatchOutput(Protocol):
     """The ways in which decisions of this room leave central."""
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
-        """Give a slot a delivery; *is_prefetched*: the slot has prefetched it."""
+        """Give a slot a delivery; *is_prefetched*: the slot has it already."""
 
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a delivery before it is free."""
