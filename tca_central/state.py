@@ -545,9 +545,9 @@ class State(Waits):
 
     def confirm_tasks(self, connection: Connection) -> None:
         """Send a connection the ids of its unconfirmed tasks."""
-        told, connection.untold = connection.untold, []
+        confirmed, connection.untold = connection.untold, []
         del self.untold[connection]
-        self.tell(connection, headers.TasksMade(told))
+        self.tell(connection, headers.TasksMade(confirmed))
 
     def living(
         self, connection: Connection, number: int, task_id: TaskId, refused: str

@@ -253,8 +253,8 @@ def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
     for node in circle + circle:
         is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
         asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
-        goes_on = before in found and (is_asked or asks_on)
-        if goes_on or _is_recovery(_delivery_of(central, node), known):
+        belongs_too = before in found and (is_asked or asks_on)
+        if belongs_too or _is_recovery(_delivery_of(central, node), known):
             found.add(node)
         before = node
     return found
@@ -292,15 +292,15 @@ def describe(central: State, circle: list[Node]) -> str:
     """Describe a cycle in words, from the first handler that waits."""
     first = next((at for at, node in enumerate(circle) if isinstance(node, Waiting)), 0)
     circle = circle[first:] + circle[:first]
-    told: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for node, following in pairwise([*circle, circle[0]]):
         waits = _waits(central, node, following)
         if waits is not None:
-            told[f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"] = (
-                None
-            )
-    more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
-    return f"each waits for the next, in a cycle: {'; '.join([*told][:_SHOWN])}{more}"
+            sentences[
+                f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"
+            ] = None
+    more = f"; and {len(sentences) - _SHOWN} more" if len(sentences) > _SHOWN else ""
+    return f"each waits for the next, in a cycle: {'; '.join([*sentences][:_SHOWN])}{more}"
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:

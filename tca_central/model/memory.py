@@ -50,13 +50,13 @@ class Memory(Stored):
         """Store an outcome that is more than "done". Return the tasks whose outcomes give way."""
         self.outcomes[task_id] = outcome
         self.outcome_bytes += _size(outcome)
-        gone = []
+        displaced = []
         while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > most_bytes:
             oldest = next(iter(self.outcomes))
             self.outcome_bytes -= _size(self.outcomes.pop(oldest))
             self.forgotten = max(self.forgotten, oldest)
-            gone.append(oldest)
-        return gone
+            displaced.append(oldest)
+        return displaced
 
 
 def _size(outcome: TaskOutcome) -> int:

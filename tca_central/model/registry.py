@@ -76,7 +76,7 @@ class Registry(Stored):
         copies.
         """
         if name not in module.resources:
-            module.resources[name] = made = ModuleResource(module.name, name)
+            module.resources[name] = resource = ModuleResource(module.name, name)
             self.bytes += RESOURCE_BYTES
             copies = (
                 one
@@ -88,7 +88,7 @@ class Registry(Stored):
                     (one.resources[name] for one in copies if name in one.resources), None
                 )
             ) is not None:
-                made.join_copies(other)
+                resource.join_copies(other)
         return module.resources[name]
 
     def ready_programs(self) -> set[str]:

@@ -60,12 +60,12 @@ def end_of_multi_query(central: State, collector: Collector, number: int) -> Ans
 
 def _why_not_replied(central: State, collector: Collector) -> str:
     """Return which modules have not replied to a multi-query, and why; "" if all have."""
-    told = collector.failures[:_FAILURES]
-    if more := len(collector.failures) - len(told):
-        told.append(f"and {more} more")
+    reports = collector.failures[:_FAILURES]
+    if more := len(collector.failures) - len(reports):
+        reports.append(f"and {more} more")
     if collector.pending:
-        told.append(words.not_answered(replies_to(central, collector)))
-    text, end = "; ".join(told), collector.end
+        reports.append(words.not_answered(replies_to(central, collector)))
+    text, end = "; ".join(reports), collector.end
     has_replies = end is not None and end[0].outcome is Outcome.DONE
     return text if has_replies or not text else f"no module replied: {text}"
 

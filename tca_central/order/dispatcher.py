@@ -128,13 +128,14 @@ class Dispatcher(Stored):
             if delivery.is_stranded:
                 self.stranded.append(delivery)
             return
-        goes_on = False
+        is_sure = False
         for resource in resources:
             resource.queue(delivery)
             if resource.ahead:
                 self.messages_ahead.recall_if_overtaken(resource, delivery)
-            goes_on = goes_on or _is_sure_to_be_handled(resource)
-        if not goes_on:
+            is_sure = is_sure or _is_sure_to_be_handled(resource)
+        # Only a message that may wait for ever is checked for a deadlock.
+        if not is_sure:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
@@ -160,12 +161,12 @@ class Dispatcher(Stored):
             in_turn = sorted(
                 deliveries, key=lambda delivery: (-delivery.priority, delivery.arrival)
             )
-            left = [
+            unassigned = [
                 delivery
                 for delivery in in_turn
                 if not self._assign_free_slot(delivery, delivery.message.candidates)
             ]
-            deliveries = sorted(left, key=lambda delivery: delivery.arrival)
+            deliveries = sorted(unassigned, key=lambda delivery: delivery.arrival)
         for delivery in deliveries:
             self.route(delivery)
 
@@ -328,16 +329,20 @@ class Dispatcher(Stored):
         if resource is None or resource.ahead_at is not slot:
             return []
         numbers = set(unbegun)
-        given_back = [
-            (one, resource.requeue_prefetched(one))
-            for one in list(resource.ahead)
-            if one.given_as in numbers
+        returned = [
+            (delivery, resource.requeue_prefetched(delivery))
+            for delivery in list(resource.ahead)
+            if delivery.given_as in numbers
         ]
-        for delivery, dropped in given_back:
+        for delivery, dropped in returned:
             if dropped is not None:  # dropped in the meantime
                 self.withdraw(delivery, dropped=dropped)
-        left = [one for one, dropped in given_back if dropped is None]
-        moved = [one for one in left if not is_handled_in(resource, one, slot.module)]
+        still_wanted = [delivery for delivery, dropped in returned if dropped is None]
+        moved = [
+            delivery
+            for delivery in still_wanted
+            if not is_handled_in(resource, delivery, slot.module)
+        ]
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:

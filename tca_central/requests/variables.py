@@ -69,20 +69,22 @@ def on_set_variable(
     central.variables.check_room(message.name, body, central.budget.variables)
     central.check_room(len(body) * len(message.handlers))
     before = _value(central, message)
-    made = Delivery(central.new_id(), message, body, connection)
-    made.origin, made.tap_depth = header.origin, central.tap_depth
+    delivery = Delivery(central.new_id(), message, body, connection)
+    delivery.origin, delivery.tap_depth = header.origin, central.tap_depth
     sender, kind = connection.module.name, message.message_class
     central.facts.append(
-        facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, [])
+        facts.Received(
+            delivery.id, message.name, kind, sender, ROOT, header.origin, False, body, []
+        )
     )
-    central.variables.set(message.name, Value(body, message.format.data, sender, made.id))
+    central.variables.set(message.name, Value(body, message.format.data, sender, delivery.id))
     # A handler without slots is included: it gets the newest value when it has one.
     for handler in message.handlers:
-        central.dispatcher.route(copy_of(central, made), handler.resource)
+        central.dispatcher.route(copy_of(central, delivery), handler.resource)
     if header.swap:
         central.send(connection, header.number, Answer(header.number), before)
     elif header.number:
-        central.accept(connection, header.number, made.id)
+        central.accept(connection, header.number, delivery.id)
 
 
 def send_value_to_watcher(central: State, handler: Handler) -> None:
