@@ -121,7 +121,7 @@ class Asker(Line):
         #: (request, task) of tasks whose ids it has not been sent.
         self.untold: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
-        self.pauses: dict[int, Blocking] = {}  #: by request: brief waits, which are never deadlocks
+        self.pauses: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
         #: By request: revoked claims of which its module has not learned.
         self.lost_claims: dict[int, LostClaim] = {}
 

@@ -10,9 +10,9 @@ owner sends. If a program runs in several copies, each has its own slots and que
 all of them and waits in each queue. It is granted when its turn has come in each and all are empty.
 
 A resource with a single slot may *prefetch*: the slot gets messages before it is free, which saves
-the wait for the next one. They still wait, before all others in the queue (``ahead``), and nothing
-may overtake them. If something that goes first arrives, they are recalled. Nothing is admitted then
-until the slot has said which of them it had not begun.
+the wait for the next one. They still wait, before all others in the queue, in ``ahead``, and
+nothing may overtake them. If something that goes first arrives, they are recalled. Nothing is
+admitted then until the slot has said which of them it had not begun.
 """
 
 import heapq
