@@ -394,7 +394,7 @@ def test_no_task_is_taken_before_there_is_room() -> None:
     (refused,) = player.send("user", "move")
     assert (
         refused.text
-        == "the disk of central's journal is nearly full: no command is taken before there is room"
+        == "the disk of central's journal is nearly full: no command is accepted before it has room"
     )
     player.reply("legs/1", running)
     player.send("user", "where")

@@ -78,7 +78,7 @@ def a_killed_task_releases_nobody(patch: Patch) -> None:
 
 
 def a_slot_is_given_twice(patch: Patch) -> None:
-    patch.setattr(ModuleResource, "take_slot", lambda self: next(iter(self.slots), None))
+    patch.setattr(ModuleResource, "acquire_slot", lambda self: next(iter(self.slots), None))
 
 
 def freed_slots_are_forgotten(patch: Patch) -> None:

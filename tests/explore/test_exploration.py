@@ -398,11 +398,11 @@ def test_what_is_stuck_is_named() -> None:
 
 
 def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
-    def settle(self: Central, real: object = Central._settle) -> None:
+    def settle(self: Central, real: object = Central._process_all) -> None:
         real(self)  # type: ignore[operator]
         assert len(self.tree.tasks) < 3, "too many tasks"
 
-    monkeypatch.setattr(Central, "_settle", settle)
+    monkeypatch.setattr(Central, "_process_all", settle)
     result = tca.explore(walking())
     assert result.violation is not None
     assert result.violation.broken == "central handles everything"

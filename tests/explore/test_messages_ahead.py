@@ -14,7 +14,7 @@ from msgspec.structs import replace
 import tca_tools.explore as tca
 from dev.invariants import check_invariants
 from tca_central.model.resources import Resource
-from tca_central.order.ahead import MessagesAhead
+from tca_central.order.prefetching import MessagesAhead
 from tca_module.session import joined_replies
 from tca_module.session.session import Session
 from tca_tools.explore import never_stuck
@@ -86,13 +86,13 @@ def the_next_is_begun_before_an_answer(patch: Patch) -> None:
 
 
 def what_is_given_back_is_turned_round(patch: Patch) -> None:
-    real = Resource.take_back
+    real = Resource.requeue_prefetched
 
-    def take_back(self: Resource[Any, Any], message: Any) -> object:
+    def requeue_prefetched(self: Resource[Any, Any], message: Any) -> object:
         message.arrival = 1000 - message.arrival
         return real(self, message)
 
-    patch.setattr(Resource, "take_back", take_back)
+    patch.setattr(Resource, "requeue_prefetched", requeue_prefetched)
 
 
 def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:

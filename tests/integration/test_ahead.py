@@ -9,7 +9,7 @@ import pytest
 from integration.commanded import SOON
 from module.real_central import RealCentral
 
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_module import Callback, Client, Inform, LaterReply, Module, Query, Task, connect
 from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
@@ -53,7 +53,7 @@ class Quick:
 
 @pytest.fixture
 def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
-    monkeypatch.setattr(ahead, "QUICK", 10.0)  # whatever else the machine does
+    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # whatever else the machine does
     return Quick(address)
 
 
@@ -218,7 +218,7 @@ def test_a_callback_that_waits_lets_what_is_next_be_handled(
             answers.put(callback.query(ASK_BACK, timeout=SOON))
 
     with quick.module.running(), asker.running():
-        for number in range(ahead.QUICK_RUNS):
+        for number in range(prefetching.QUICK_RUNS):
             user.inform(NOTE, number)
         user.query(HEARD, timeout=SOON)
         user.inform(HOLD)

@@ -54,7 +54,7 @@ from tca_wire.vocabulary import Refusal
 
 NOTE, ASK, LEVEL = Inform("note", str), Query("ask", reply=int), Variable("level", int)
 CIRCLE = [this.achieving.end <= this.achieving.start]
-REFUSED = r"command 'stop' was refused: .* would be a circle"
+REFUSED = r"command 'stop' was refused: .* would be a cycle"
 
 
 def circle(user: Any, **options: Any) -> Any:

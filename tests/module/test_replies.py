@@ -219,8 +219,8 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
         go.set()
         assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
     assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
-        "nobody replied: legs has not answered",
-        "nobody replied: legs (queued, busy with health {1}) has not answered",
+        "no module replied: legs has not answered",
+        "no module replied: legs (queued, busy with health {1}) has not answered",
     ]
 
 

@@ -16,7 +16,7 @@ from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import Effect, RequestReceived, Tick
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_wire.packets import headers
 from tca_wire.packets.parts import EndedRun
 from tca_wire.points import TaskId
@@ -26,8 +26,8 @@ from tca_wire.vocabulary import Condition
 @pytest.fixture(autouse=True, scope="module")
 def every_handler_is_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ahead, "QUICK", float("inf"))
-        patch.setattr(ahead, "QUICK_RUNS", 0)
+        patch.setattr(prefetching, "QUICK", float("inf"))
+        patch.setattr(prefetching, "QUICK_RUNS", 0)
         yield
 
 
@@ -44,11 +44,11 @@ class ToldLate:
         self.recalled: list[Connection] = []
         self.most = self.recalls = self.tapped = 0
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        del is_there
-        self.central.deliver(delivery, slot, is_there=False)
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        del is_prefetched
+        self.central.deliver(delivery, slot, is_prefetched=False)
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         assert slot.resource is not None
         self.tapped += bool(delivery.message.taps)
         self.most = max(self.most, len(slot.resource.ahead))

@@ -58,7 +58,7 @@ IGNORED = {
         "connections",  # visited through their modules
         "lost",  # scripts do not reconnect
         "_names",
-        "bytes", "dropped", "look_after",  # counted from the messages; none is forgotten
+        "bytes", "dropped", "next_search",  # counted from the messages; none is forgotten
     },
     "Connection": {
         "id", "session", "number", "last_number", "orphans", "late",  # addresses

@@ -1,7 +1,7 @@
-"""Messages ahead: a quick slot has its next messages before it is free, and gives back what others
-come before.
+"""Prefetching: a fast slot gets its next messages before it is free.
 
-Knows which may go, and what calls them back; nothing of who is next (docs/decisions/0068).
+It returns those that are overtaken. This module decides which messages may be prefetched, and what
+recalls them. It does not decide the order (docs/decisions/0068).
 """
 
 from typing import Protocol
@@ -14,41 +14,37 @@ from tca_wire.journal.facts import Fact
 from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
-"""Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
+"""Seconds. A slot gets prefetched messages only while its handlers take no longer than this."""
 LARGEST = 16 << 10
-"""Bytes of data: larger messages are not sent ahead, for what is on its way to a slot takes room
-until it is read.
-"""
+"""Bytes. Larger messages are not prefetched: on their way they take memory until they are read."""
 QUICK_RUNS = 8
-"""So many messages must have been handled quickly, one after the other, before one is sent
-ahead.
-"""
+"""Number of fast runs in a row before a slot gets prefetched messages."""
 
 
-class Out(Protocol):
-    """The ways in which what is decided here, and by the dispatcher, leaves central."""
+class DispatchOutput(Protocol):
+    """The ways in which decisions of this room leave central."""
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """A slot handles a delivery; whether it *is there* already."""
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        """Give a slot a delivery; *is_prefetched*: the slot has it already."""
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
-        """A slot gets a delivery before it is free."""
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
+        """Send a slot a delivery before it is free."""
 
     def recall(self, slot: Connection) -> None:
-        """A slot is to give back what it has ahead and has not begun."""
+        """Ask a slot to return prefetched deliveries that it has not begun."""
 
 
 class MessagesAhead(Stored):
-    """Sends messages ahead, and recalls them."""
+    """Sends messages for prefetching, and recalls them."""
 
     __slots__ = ("_clock", "_out", "trusts_all")
 
-    def __init__(self, out: Out, clock: Clock) -> None:
+    def __init__(self, out: DispatchOutput, clock: Clock) -> None:
         self._out, self._clock = out, clock
-        self.trusts_all = False  #: every handler counts as a quick one: for explorations
+        self.trusts_all = False  #: every handler counts as fast: for the explorer
 
     def fill(self, resource: ModuleResource) -> None:
-        """Send the slot ahead what it will handle next, where nothing can come between."""
+        """Send a resource's only slot its next messages, if nothing can overtake them."""
         if len(resource.slots) != 1 or not (resource.quick_runs >= QUICK_RUNS or self.trusts_all):
             return
         (slot,) = resource.slots
@@ -58,23 +54,26 @@ class MessagesAhead(Stored):
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
         while (
-            len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None
+            len(resource.ahead) < slot.prefetch
+            and (delivery := resource.next_to_prefetch()) is not None
         ):
-            if not _may_go_ahead(delivery, resource):
+            if not _can_be_prefetched(delivery, resource):
                 return
-            resource.send_ahead(delivery)
-            self._out.send_ahead(delivery, slot)
+            resource.mark_prefetched(delivery)
+            self._out.send_prefetched(delivery, slot)
 
-    def make_way(
+    def recall_if_overtaken(
         self, resource: Resource[Connection, Delivery], newest: Delivery | ModuleClaim
     ) -> None:
-        """Recall what is ahead if something has come that goes before it."""
+        """Recall prefetched messages if *newest* goes before one of them."""
         if resource.is_overtaken_by(newest):
             self.recall(resource)
 
     def revoke(self, delivery: Delivery, dropped: tuple[Fact, ...]) -> bool:
-        """Whether a slot has a delivery ahead, which nobody wants any more: it waits until that
-        gives it back, or has begun it.
+        """Drop a delivery that a slot has prefetched. Return False if no slot has.
+
+        The slot may have begun it: the facts are recorded when the slot has returned it, or begun
+        it.
         """
         for resource in delivery.queues or ():
             if delivery in resource.ahead:
@@ -84,25 +83,26 @@ class MessagesAhead(Stored):
         return False
 
     def recall(self, resource: Resource[Connection, Delivery]) -> None:
-        """Let nobody in before the slot has said which messages it had not begun."""
+        """Admit nothing to a resource until its slot has returned what it had not begun."""
         if resource.ahead and resource.ahead_at is not None and not resource.is_recalling:
             resource.is_recalling = True
             self._out.recall(resource.ahead_at)
 
 
-def note_run(resource: ModuleResource, seconds: float) -> None:
-    """A handler has taken so long."""
+def record_run(resource: ModuleResource, seconds: float) -> None:
+    """Record how long a handler took."""
     resource.quick_runs = resource.quick_runs + 1 if seconds <= QUICK else 0
 
 
-def first_ahead(slot: Connection) -> Delivery | None:
-    """What a slot handles next, if it has that already."""
+def first_prefetched(slot: Connection) -> Delivery | None:
+    """Return the message that a slot will handle next, if it has prefetched it."""
     return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
 
 
-def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
-    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task,
-    waits for nothing else, and nobody listens when it is delivered.
+def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
+    """Whether only its place in the queue decides when a delivery is handled.
+
+    It is not a task, waits for no other resource, and no wiretap fires when it is delivered.
     """
     message = delivery.message
     is_plain = (
@@ -115,7 +115,7 @@ def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
 
 
 def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
-    """Whether a message, or the copy for a module, waits there, and nowhere else."""
+    """Whether a message, or its copy for a module, would wait in that resource and in no other."""
     if delivery.message.name in resource.limits:
         return False
     if not delivery.message.fans_out:
