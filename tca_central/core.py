@@ -27,6 +27,7 @@ from tca_central.errors import RequestError
 from tca_central.events import (
     AdminEvent,
     BadBytes,
+    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
     DiskSpace,
@@ -37,7 +38,6 @@ from tca_central.events import (
     Record,
     RequestReceived,
     Restarted,
-    TellAll,
     Tick,
     Transmit,
 )
@@ -94,19 +94,21 @@ class Central(State):
         self._outputs: tuple[tuple[Sized, Callable[[], None]], ...] = (
             _output(agenda.taps_to_fire, self._fire_before),
             _output(agenda.tap_events, lambda event: taps.fire_after(self, *event)),
-            _output(agenda.resumed_monitors, partial(monitors.go_on, self)),
+            _output(agenda.resumed_monitors, partial(monitors.proceed, self)),
             _output(agenda.left_with_watchers, partial(monitors.end_watchers, self)),
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
-            _output(agenda.unanswered, partial(changes.decide_instead, self)),
+            _output(agenda.unanswered, partial(changes.apply_defaults, self)),
             _output(agenda.ended_waits, self._on_reached),
-            _output(self.dispatcher.granted, partial(claims.tell_granted, self)),
-            _output(self.dispatcher.waiting_for_custom_handler, partial(busy.on_crowded, self)),
+            _output(self.dispatcher.granted, partial(claims.on_granted, self)),
+            _output(
+                self.dispatcher.waiting_for_custom_handler, partial(busy.on_handler_busy, self)
+            ),
             _output(
                 self.dispatcher.displaced,
                 lambda displaced: replying.report_displaced(self, *displaced),
             ),
-            _output(self.dispatcher.stranded, partial(failures.pass_over, self)),
+            _output(self.dispatcher.stranded, partial(failures.skip_exception_handler, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
@@ -166,8 +168,8 @@ class Central(State):
     def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
         """Handle an event of the operator, or one that central itself raises for all modules."""
         self.events += 1
-        if isinstance(event, TellAll):
-            for connection in list(self.untold):
+        if isinstance(event, ConfirmTasks):
+            for connection in list(self.unconfirmed):
                 self.confirm_tasks(connection)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
@@ -180,9 +182,9 @@ class Central(State):
             self.facts.append(facts.DiskSpace(event.is_low))
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
-            direct_routes.bar_owners(self, event.revoked)
+            direct_routes.invalidate_licences_of(self, event.revoked)
         self._process_all()
-        self._report(effects, event.time, causes.Keeper())
+        self._report(effects, event.time, causes.Administrator())
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
         """Handle a request. One that cannot be done is refused and changes nothing."""
@@ -325,7 +327,7 @@ class Central(State):
             if any(self._output_queues):
                 self._handle_outputs()
             elif dispatcher.changed:
-                availability.tell_changes(self)
+                availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()
             elif dispatcher.to_offer:
@@ -390,7 +392,7 @@ class Central(State):
         if task.killed:
             return
         task.retrying = False
-        task.given_as = self.new_id()
+        task.handling_id = self.new_id()
         recovery = Recovery.of(task)
         recovery.attempts += 1
         recovery.handler = None
@@ -399,7 +401,7 @@ class Central(State):
     def _on_ended(self, task: Task) -> None:
         """Clean up after a task that has ended, and report its end."""
         if self.observers.concern(task):
-            observing.tell_end(self, task)
+            observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
         if task.plans is not None:
@@ -409,9 +411,9 @@ class Central(State):
         if task.tapping is not None:
             taps.forget_task(self, task)
         if task.keeping is not None:
-            keeping.keep_or_drop(self, task, task.keeping)
+            keeping.retain_or_drop(self, task, task.keeping)
         if task.role is Role.EXCEPTION:
-            failures.handler_ended(self, task)
+            failures.on_exception_handler_ended(self, task)
         if task.result or task.killed or task.failure is not None:
             self._remember_outcome(task, self.outcome(task))
 
@@ -523,7 +525,7 @@ KINDS = {header: _Kind(header) for header in HANDLERS}
 
 REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
     TaskWait: lambda central, wait, task: wait.answer(central, central.outcome(task)),
-    steering.PendingKill: lambda central, pending, _: pending.go_on(central),
+    steering.PendingKill: lambda central, pending, _: pending.proceed(central),
     Watch: watches.on_end_point,
 }
 """One row per kind of wait for a moment of a task: what happens when the moment is reached."""

@@ -72,7 +72,7 @@ class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
     time: EntryTime
 
 
-class TellAll(msgspec.Struct, frozen=True, array_like=True, tag="a"):
+class ConfirmTasks(msgspec.Struct, frozen=True, array_like=True, tag="a"):
     """The ids of unconfirmed tasks are to be sent to their senders now."""
 
     time: EntryTime
@@ -144,7 +144,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-AdminEvent = TellAll | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
+AdminEvent = ConfirmTasks | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | AdminEvent
 Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | Spared
 

@@ -26,7 +26,7 @@ class Present:
         self.failed: dict[int, str] = {}  #: its failed parts in words, for the log
         self.messages: list[Effect] = []  #: messages to send when the event is recorded
 
-    def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
+    def notify(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is not the final answer to a request."""
         self.messages.append(Transmit(connection.id, header, body))
 
@@ -34,15 +34,15 @@ class Present:
 class Waits(Present):
     """The connections that block until they are answered, and the suspects of deadlocks."""
 
-    __slots__ = ("blocked", "look_after", "may_have_closed", "next_look", "scan", "suspects")
+    __slots__ = ("blocked", "may_have_closed", "scan", "search_delay", "search_timer", "suspects")
 
     def __init__(self, epoch: str) -> None:
         Present.__init__(self, epoch)
         self.blocked: dict[Connection, None] = {}
         self.suspects: deque[Suspect] = deque()  #: waits that may have closed a cycle
         #: Seconds before all that blocks is searched (0: no search for deadlocks)
-        self.look_after = 0.25
-        self.next_look: Timer | None = None
+        self.search_delay = 0.25
+        self.search_timer: Timer | None = None
         self.scan: object = None  #: an unfinished search, which that timer continues (deadlocks.py)
         self.may_have_closed = False  #: whether a later event may have closed a cycle
 
@@ -62,7 +62,7 @@ class Waits(Present):
         numbers = (number, *others)
         wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
         if brief:
-            connection.pauses.update(dict.fromkeys(numbers, wait))
+            connection.brief_waits.update(dict.fromkeys(numbers, wait))
         else:
             self._block(connection, numbers, wait)
 
@@ -83,9 +83,9 @@ class Waits(Present):
 
     def unblock(self, connection: Connection, number: int) -> None:
         """End a wait: it was answered, or its connection waits no longer."""
-        if (wait := connection.pauses.pop(number, None)) is not None:
+        if (wait := connection.brief_waits.pop(number, None)) is not None:
             for other in wait.together:
-                connection.pauses.pop(other, None)
+                connection.brief_waits.pop(other, None)
         elif (wait := connection.waits.pop(number, None)) is not None:
             for other in wait.together:
                 connection.waits.pop(other, None)

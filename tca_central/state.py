@@ -101,7 +101,7 @@ class TaskWait(Stored):
                 facts.WaitEnded(self.connection.module.name, self.origin, self.task_id)
             )
             result, failure, text, body = outcome
-            central.send(
+            central.answer(
                 self.connection, self.number, Answer(self.number, result, failure, text), body
             )
 
@@ -109,12 +109,12 @@ class TaskWait(Stored):
 class RestartHold(Stored):
     """The reasons why no task starts after a restart of central."""
 
-    __slots__ = ("awaited", "grace", "until_told")
+    __slots__ = ("awaited", "grace", "until_resumed")
 
     def __init__(self) -> None:
         self.awaited: dict[Connection, None] = {}  #: connections that may come back
         self.grace: Timer | None = None  #: the timer after which they count as lost
-        self.until_told = False  #: no task starts before an operator resumes them
+        self.until_resumed = False  #: no task starts before an operator resumes them
 
 
 def is_own(delivery: Delivery) -> bool:
@@ -131,7 +131,7 @@ def is_own(delivery: Delivery) -> bool:
 def cancelled_header(delivery: Delivery) -> headers.Cancelled:
     """Return the header that asks a handler to stop: its task was killed or is retried."""
     killed = delivery.killed if isinstance(delivery, Task) else ""
-    return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
+    return headers.Cancelled(delivery.handling_id, killed or "it is to be handled again")
 
 
 def dropped_fact(
@@ -141,7 +141,7 @@ def dropped_fact(
     return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where, dropping)
 
 
-def lose(
+def drop(
     central: "State", delivery: Delivery, why: str, dropping: Dropping = Dropping.OTHER
 ) -> None:
     """Drop a message, or a copy of it, that a handler should have received."""
@@ -154,11 +154,11 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
 
     *ahead* is the number of messages that the slot handles before it (0: it is free).
     """
-    given_as, name = delivery.given_as, delivery.message.name
+    handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        return headers.Deliver(given_as, name, delivery.id, context, delivery.suspended)
-    return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
+        return headers.Deliver(handling_id, name, delivery.id, context, delivery.suspended)
+    return headers.Deliver(handling_id, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
 def _over_budget(what: str, held: int, most: int, advice: str) -> str:
@@ -189,7 +189,7 @@ class State(Waits):
         "registry",
         "taps",
         "tree",
-        "untold",
+        "unconfirmed",
         "variables",
         "watch_of_condition",
         "watches",
@@ -221,7 +221,7 @@ class State(Waits):
         #: By delivery id: the multi-query that it belongs to.
         self.collectors: dict[int, Collector] = {}
         #: Connections that have not been sent the ids of unconfirmed tasks.
-        self.untold: dict[Connection, None] = {}
+        self.unconfirmed: dict[Connection, None] = {}
         self.hold = RestartHold()
         #: Ranges of ids (first, last) that may have been given before the disk lost them.
         self.lost: list[tuple[int, int]] = []
@@ -243,7 +243,7 @@ class State(Waits):
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as,
+            delivery.handling_id,
             delivery.message_id,
             resource.module,
             resource.name,
@@ -258,33 +258,33 @@ class State(Waits):
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
             if delivery.message.custom_handlers or self.observers.concern(delivery):
-                self.begin(delivery)
+                self.accept_for_handler(delivery)
             else:
                 delivery.state = delivery.message.running
                 delivery.serial += 1
         if not is_prefetched:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
-    def begin(self, task: Task) -> None:
+    def accept_for_handler(self, task: Task) -> None:
         """Mark a task as accepted by its handler, unless the handler accepts tasks explicitly."""
         handler = task.handler
         if (handler is None or not handler.accepts) and task.state == task.message.initial:
             task.state = task.message.running
             task.serial += 1
             module = task.slot.module.name if task.slot is not None else ""
-            self.tell_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
+            self.notify_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
 
     # --- observers --------------------------------------------------------------------------------
 
-    def tell_birth(self, task: Task) -> None:
+    def report_new_task(self, task: Task) -> None:
         """Report a new task to its observers."""
         if self.observers.concern(task) and task.state == task.message.initial:
             module = task.sender.module.name if task.sender is not None else ""
-            self.tell_observers(
+            self.notify_observers(
                 task, "initiated", Party.CLIENT if module else Party.CENTRAL, module
             )
 
-    def tell_observers(
+    def notify_observers(
         self,
         task: Task,
         transition: str,
@@ -318,7 +318,7 @@ class State(Waits):
         )
         encoded = msgspec.msgpack.encode(change)
         for one in observers:
-            self.tell_observer(one, encoded, task.state)
+            self.notify_observer(one, encoded, task.state)
         if outcome is not None:
             for one in [
                 one
@@ -328,21 +328,21 @@ class State(Waits):
                 self.end_observers_wait(one)
                 self.observers.remove(one)
                 one.connection.outstanding.pop(one.number, None)
-                self.send(one.connection, one.number, Answer(one.number))
+                self.answer(one.connection, one.number, Answer(one.number))
 
-    def tell_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
+    def notify_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
         """Report a change to one observer, if it observes that state."""
         if not observation.states or state in observation.states:
             self.end_observers_wait(observation)
             observation.told += 1
-            self.tell(observation.connection, Answer(observation.number, more=True), encoded)
+            self.notify(observation.connection, Answer(observation.number, more=True), encoded)
 
     def end_observers_wait(self, observation: Observation) -> None:
         """End an observer's wait for a change: one came, or it waits no longer."""
         if not observation.is_awaited:
             return
         connection, number = observation.connection, observation.number
-        wait = connection.pauses.get(number) or connection.waits.get(number)
+        wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
         # A coroutine still awaits the others.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
@@ -356,14 +356,16 @@ class State(Waits):
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a prefetched message: the slot handles it after those that it has."""
         assert slot.resource is not None
-        before = len(slot.handling) + len(slot.resource.ahead) - 1
+        before = len(slot.handling) + len(slot.resource.prefetched) - 1
         self.messages.append(Transmit(slot.id, deliver_header(delivery, before), delivery.body))
 
     def recall(self, slot: Connection) -> None:
         """Ask a slot to return prefetched messages that it has not begun."""
         assert slot.resource is not None
         self.facts.append(facts.Recalling(slot.resource.module, slot.resource.name))
-        self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
+        self.notify(
+            slot, headers.Recall([delivery.handling_id for delivery in slot.resource.prefetched])
+        )
 
     def outcome(self, task: Task) -> TaskOutcome:
         """Return a task's outcome, the name and text of its failure, and its data or result.
@@ -380,7 +382,7 @@ class State(Waits):
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
 
-    def note_failure(
+    def record_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
     ) -> None:
         """Record a failure of a task or message.
@@ -392,13 +394,13 @@ class State(Waits):
         self.facts.append(facts.Failed(delivery.id, name, text, is_beside, by, body, copy_of))
         self.failed[delivery.id] = str(delivery)
 
-    def send(
+    def answer(
         self, connection: Connection, number: int, header: ToModule, body: bytes = b""
     ) -> None:
         """Answer a request for good, and store the answer in case the request is repeated."""
-        if connection.waits or connection.pauses:
+        if connection.waits or connection.brief_waits:
             self.unblock(connection, number)
-        if connection.untold:
+        if connection.unconfirmed:
             self.confirm_tasks(connection)
         if number:
             self.answers.add(connection, number, header, body)
@@ -410,9 +412,9 @@ class State(Waits):
         self.facts.append(facts.RequestRefused(connection.module.name, refusal, text))
         if number:
             connection.outstanding.pop(number, None)
-            self.send(connection, number, headers.Refused(number, refusal, text))
+            self.answer(connection, number, headers.Refused(number, refusal, text))
         else:
-            self.tell(connection, headers.Refused(0, refusal, text))
+            self.notify(connection, headers.Refused(0, refusal, text))
 
     def set_limits(self, limits: LimitsSet) -> None:
         """Apply new limits. Only stored answers beyond them are forgotten."""
@@ -446,7 +448,7 @@ class State(Waits):
             + self.budget.awaited
         )
 
-    def why_no_room(self, size: int) -> str:
+    def refuse_if_full(self, size: int) -> str:
         """Return the reason to refuse a message of *size* bytes, "" if there is room.
 
         Count a refusal.
@@ -459,15 +461,15 @@ class State(Waits):
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""
-        if why := self.why_no_room(size):
+        if why := self.refuse_if_full(size):
             raise RequestError(Refusal.OVERLOAD, why)
 
-    def keep_out(self, what: str, body: bytes) -> bool:
+    def is_refused_for_lack_of_memory(self, what: str, body: bytes) -> bool:
         """Whether memory is too full for a task that central would send.
 
         The refusal is recorded, with *what*.
         """
-        if why := self.why_no_room(len(body)):
+        if why := self.refuse_if_full(len(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )
@@ -525,7 +527,7 @@ class State(Waits):
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
         """Answer that a request was done. *made* is the id that it created, or is about."""
-        self.send(connection, number, headers.Accepted(number, TaskId(made)))
+        self.answer(connection, number, headers.Accepted(number, TaskId(made)))
 
     def accept_task(
         self, connection: Connection, number: int, task: TaskId, *, quiet: bool
@@ -538,16 +540,16 @@ class State(Waits):
         if not quiet:
             self.accept(connection, number, task)
             return
-        connection.untold.append((number, task))
-        self.untold[connection] = None
-        if len(connection.untold) >= CONFIRMED_TOGETHER:
+        connection.unconfirmed.append((number, task))
+        self.unconfirmed[connection] = None
+        if len(connection.unconfirmed) >= CONFIRMED_TOGETHER:
             self.confirm_tasks(connection)
 
     def confirm_tasks(self, connection: Connection) -> None:
         """Send a connection the ids of its unconfirmed tasks."""
-        confirmed, connection.untold = connection.untold, []
-        del self.untold[connection]
-        self.tell(connection, headers.TasksMade(confirmed))
+        confirmed, connection.unconfirmed = connection.unconfirmed, []
+        del self.unconfirmed[connection]
+        self.notify(connection, headers.TasksMade(confirmed))
 
     def living(
         self, connection: Connection, number: int, task_id: TaskId, refused: str
@@ -573,14 +575,16 @@ class State(Waits):
 
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """Ask a running handler to clean up and return. Its coroutine awaits nothing any more."""
-        self.unblock_coroutine(slot, delivery.given_as)
+        self.unblock_coroutine(slot, delivery.handling_id)
         self.expect_return(slot, delivery)
-        self.tell(slot, cancelled_header(delivery))
+        self.notify(slot, cancelled_header(delivery))
 
     def expect_return(self, slot: Connection, delivery: Delivery) -> None:
         """Start the timer after which a handler that should return counts as hung."""
-        if slot.hung_after and delivery.given_as not in slot.doubts:
-            slot.doubts[delivery.given_as] = self.clock.after(slot.hung_after, Due.HUNG, delivery)
+        if slot.hung_after and delivery.handling_id not in slot.hang_timers:
+            slot.hang_timers[delivery.handling_id] = self.clock.after(
+                slot.hung_after, Due.HUNG, delivery
+            )
 
     def new_id(self) -> int:
         """Return the next id. Ids are never reused."""

@@ -124,7 +124,7 @@ class TapRule(NamedTuple):
     """The moment of the tapped task at which its listeners end."""
 
     @property
-    def finds_it_alive(self) -> bool:
+    def target_is_alive(self) -> bool:
         """Whether the listener is sent before the tapped task ends.
 
         Polling and demon monitors that listen need this: they are its children.

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 from msgspec.structs import replace
 
-from tca_central.control.revoking import keeper_of, revoke_and_warn
+from tca_central.control.revoking import revoke_and_warn, task_holding
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import revoke
@@ -68,7 +68,7 @@ class DeadlockScan:
 
 def check_suspects(central: State) -> None:
     """Check whether new waits can ever end."""
-    if not central.look_after:
+    if not central.search_delay:
         central.suspects.clear()
     search: Search | None = None
     try:
@@ -126,13 +126,13 @@ def schedule_look(central: State) -> None:
 
 def _schedule(central: State) -> None:
     """Set the timer of the next search, if it is not set."""
-    if central.look_after and central.next_look is None:
-        central.next_look = central.clock.after(central.look_after, Due.LOOK, None)
+    if central.search_delay and central.search_timer is None:
+        central.search_timer = central.clock.after(central.search_delay, Due.LOOK, None)
 
 
 def on_look(central: State, _: None) -> None:
     """Search everything that blocks, or continue a search."""
-    central.next_look, scan = None, central.scan
+    central.search_timer, scan = None, central.scan
     if isinstance(scan, DeadlockScan):
         scan.search.resume(SLICE)
     else:
@@ -192,7 +192,7 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
     claims = (node.claim for node in circle if isinstance(node, Releasing))
-    kept = {claim: task for claim in claims if (task := keeper_of(claim)) is not None}
+    kept = {claim: task for claim in claims if (task := task_holding(claim)) is not None}
     goes_first = _of_recovery(central, circle)
     if kept and goes_first:  # the lock's holder is informed of its loss
         claim = min(
@@ -205,7 +205,7 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
         fact = facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text)
         central.facts.append(fact)
         give_up(central, connection, number, Dropping.DEADLOCK)
-        central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
+        central.answer(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
         return _raise_or_revoke(central, kept, search, text)
     return True

@@ -86,7 +86,7 @@ def retried_by(task: Task) -> list[Task]:
     return task.context.retried if isinstance(task.context, FailureContext) else []
 
 
-def heard_by(listener: Delivery) -> Listening:
+def listener_cause(listener: Delivery) -> Listening:
     """Return the cause of a listener."""
     assert isinstance(listener.context, Listening)
     return listener.context

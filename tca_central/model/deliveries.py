@@ -98,12 +98,12 @@ class Asker(Line):
     __slots__ = (
         "answer_bytes",
         "answers",
+        "brief_waits",
         "last_number",
         "lost_claims",
         "outstanding",
-        "pauses",
         "tasks",
-        "untold",
+        "unconfirmed",
         "waits",
     )
 
@@ -119,9 +119,9 @@ class Asker(Line):
         self.answer_bytes = 0  #: bytes of the stored answers
         self.tasks: dict[int, TaskId] = {}  #: by request, oldest first: the newest tasks sent
         #: (request, task) of tasks whose ids it has not been sent.
-        self.untold: list[tuple[int, TaskId]] = []
+        self.unconfirmed: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
-        self.pauses: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
+        self.brief_waits: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
         #: By request: revoked claims of which its module has not learned.
         self.lost_claims: dict[int, LostClaim] = {}
 
@@ -138,8 +138,8 @@ class Slot(Asker):
 
     __slots__ = (
         "begins",
-        "doubts",
         "handling",
+        "hang_timers",
         "hung_after",
         "known_until",
         "prefetch",
@@ -166,7 +166,7 @@ class Slot(Asker):
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)
         self.hung_after = 0.0
         #: By delivery: the timers of handlers that should return soon.
-        self.doubts: dict[int, Timer] = {}
+        self.hang_timers: dict[int, Timer] = {}
         self.was_replaced = False  #: whether its handler hung, and another slot replaced it
 
     @property
@@ -291,9 +291,9 @@ class Declared(Stored):
         "first_declared_by",
         "format",
         "initial",
-        "is_aside",
         "is_goal",
         "is_notice",
+        "is_outside_sequence",
         "message_class",
         "name",
         "parts",
@@ -312,7 +312,7 @@ class Declared(Stored):
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
         self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
-        self.is_aside = declared.message_class.is_aside
+        self.is_outside_sequence = declared.message_class.is_outside_sequence
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
@@ -379,14 +379,14 @@ class Served(Declared):
 class MessageType(Served):
     """A declared message: format, handlers, attachments, and the route for direct sending."""
 
-    __slots__ = ("attached", "route", "senders_told", "taps")
+    __slots__ = ("attached", "informed_senders", "route", "taps")
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Served.__init__(self, declared, by)
         self.attached: list[AttachedHandler] = []  #: exception handlers of all its tasks
         self.taps: list[Wiretap] = []  #: oldest first
         self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
-        self.senders_told: dict[Connection, None] = {}  #: connections that know the route
+        self.informed_senders: dict[Connection, None] = {}  #: connections that know the route
 
 
 class PresenceWait(Stored):
@@ -535,7 +535,7 @@ class Delivery(Queued):
     __slots__ = (
         "body",
         "context",
-        "given_as",
+        "handling_id",
         "id",
         "message",
         "message_id",
@@ -554,7 +554,7 @@ class Delivery(Queued):
         Queued.__init__(self)
         self.id = delivery_id
         #: The number under which a handler has it; each attempt has another one.
-        self.given_as = delivery_id
+        self.handling_id = delivery_id
         self.message_id = delivery_id
         self.message = message
         self.body = body

@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import KeptTask, TaskOutcome
+from tca_central.model.tasks import TaskOutcome, TaskRecord
 from tca_wire.vocabulary import Outcome, Refusal
 
 REMEMBERED_OUTCOMES = 10_000
@@ -22,7 +22,7 @@ class Memory(Stored):
         self.outcome_bytes = 0  #: bytes of all outcomes
         self.forgotten = 0  #: the highest id of a task whose outcome was forgotten
         #: By task id, oldest first: records that modules retain.
-        self.kept: dict[int, KeptTask] = {}
+        self.kept: dict[int, TaskRecord] = {}
         self.kept_bytes = 0  #: bytes of all records
         #: Sum over all modules: number of tasks, living or ended, that each retains.
         self.promises = 0

@@ -10,7 +10,7 @@ owner sends. If a program runs in several copies, each has its own slots and que
 all of them and waits in each queue. It is granted when its turn has come in each and all are empty.
 
 A resource with a single slot may *prefetch*: the slot gets messages before it is free, which saves
-the wait for the next one. They still wait, before all others in the queue, in ``ahead``, and
+the wait for the next one. They still wait, before all others in the queue, in ``prefetched``, and
 nothing may overtake them. If something that goes first arrives, they are recalled. Nothing is
 admitted then until the slot has said which of them it had not begun.
 """
@@ -169,16 +169,16 @@ class Resource(Stored, Generic[S, Q]):
         "_free",
         "_queue",
         "_sent_by",
-        "ahead",
-        "ahead_at",
-        "called_back",
         "claims",
         "copies",
         "held_by",
         "is_recalling",
+        "locked_out_questions",
         "module",
         "name",
         "numbers",
+        "prefetched",
+        "prefetching_slot",
         "slots",
     )
 
@@ -192,14 +192,16 @@ class Resource(Stored, Generic[S, Q]):
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
         #: Questions of its own slots that a lock keeps out -> the asking slot.
-        self.called_back: dict[Q, S] = {}
-        self.ahead: dict[Q, tuple[Fact, ...] | None] = {}
+        self.locked_out_questions: dict[Q, S] = {}
+        self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has prefetched and, as far as central knows, not begun.
 
         A message that was dropped in the meantime has the facts to record when the slot has said
         whether it had begun it. All others have None.
         """
-        self.ahead_at: S | None = None  #: the slot that has, or had, the prefetched messages
+        self.prefetching_slot: S | None = (
+            None  #: the slot that has, or had, the prefetched messages
+        )
         self.is_recalling = False  #: whether the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S, Q]] = Queue()
@@ -209,7 +211,7 @@ class Resource(Stored, Generic[S, Q]):
     @property
     def waiting(self) -> int:
         """The number of messages that wait."""
-        return self._queue.waiting - len(self.claims) + len(self.ahead)
+        return self._queue.waiting - len(self.claims) + len(self.prefetched)
 
     @property
     def capacity(self) -> int:
@@ -231,8 +233,8 @@ class Resource(Stored, Generic[S, Q]):
         self.slots.pop(slot, None)
         self.numbers.pop(slot, None)
         self._free.pop(slot, None)
-        if slot is self.ahead_at:
-            self.ahead_at = None
+        if slot is self.prefetching_slot:
+            self.prefetching_slot = None
 
     @property
     def is_locked(self) -> bool:
@@ -245,7 +247,7 @@ class Resource(Stored, Generic[S, Q]):
 
     def slot_for(self, message: Q) -> S | None:
         """Take a free slot for a message that has just arrived; None if it must wait."""
-        if not self._free or self.ahead or self.is_recalling or not self.admits(message):
+        if not self._free or self.prefetched or self.is_recalling or not self.admits(message):
             return None
         if self._queue.waiting and self._is_behind(message):
             return None
@@ -269,7 +271,11 @@ class Resource(Stored, Generic[S, Q]):
 
     def acquire_slot(self) -> S:
         """Take the slot that has been free longest, or that has prefetched the next message."""
-        slot = self.ahead_at if self.ahead and self.ahead_at is not None else next(iter(self._free))
+        slot = (
+            self.prefetching_slot
+            if self.prefetched and self.prefetching_slot is not None
+            else next(iter(self._free))
+        )
         del self._free[slot]
         return slot
 
@@ -295,10 +301,10 @@ class Resource(Stored, Generic[S, Q]):
 
     def leave_queue(self, message: Q) -> None:
         """Remove a message: its entries have become void."""
-        if self.called_back:
-            self.called_back.pop(message, None)
-        if message in self.ahead:
-            del self.ahead[message]
+        if self.locked_out_questions:
+            self.locked_out_questions.pop(message, None)
+        if message in self.prefetched:
+            del self.prefetched[message]
             return
         self._queue.mark_void()
         if self._sent_by is not None:
@@ -309,7 +315,9 @@ class Resource(Stored, Generic[S, Q]):
 
     def queued(self) -> Iterator[Q]:
         """Yield the waiting messages, in no particular order."""
-        return chain(self.ahead, (entry for entry in self._queue if not isinstance(entry, Claim)))
+        return chain(
+            self.prefetched, (entry for entry in self._queue if not isinstance(entry, Claim))
+        )
 
     def first_message(self) -> Q | None:
         """Return the first waiting message, whatever claims precede it."""
@@ -319,7 +327,7 @@ class Resource(Stored, Generic[S, Q]):
     def in_line(self) -> list[Q | Claim[S, Q]]:
         """Return the waiting messages and claims, in their order."""
         return [
-            *self.ahead,
+            *self.prefetched,
             *sorted(self._queue, key=lambda entry: (-entry.priority, entry.arrival)),
         ]
 
@@ -360,9 +368,9 @@ class Resource(Stored, Generic[S, Q]):
         """Mark the first message in the queue as prefetched. Return its slot."""
         first.ticket += 1
         self._queue.mark_void()
-        self.ahead[first] = None
-        self.ahead_at = next(iter(self.slots))
-        return self.ahead_at
+        self.prefetched[first] = None
+        self.prefetching_slot = next(iter(self.slots))
+        return self.prefetching_slot
 
     def requeue_prefetched(self, message: Q) -> tuple[Fact, ...] | None:
         """Queue a prefetched message again.
@@ -370,19 +378,19 @@ class Resource(Stored, Generic[S, Q]):
         If it was dropped in the meantime, return the facts to record.
         """
         self._queue.add(message)
-        return self.ahead.pop(message)
+        return self.prefetched.pop(message)
 
     def is_overtaken_by(self, newest: "Q | Claim[S, Q]") -> bool:
         """Whether what has just arrived goes before a prefetched message."""
-        if not self.ahead:
+        if not self.prefetched:
             return False
-        last = next(reversed(self.ahead))
+        last = next(reversed(self.prefetched))
         return (-newest.priority, newest.arrival) < (-last.priority, last.arrival)
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
         """Return the next in line among those that the lock or reservation admits."""
-        if self.ahead:
-            return next(iter(self.ahead))
+        if self.prefetched:
+            return next(iter(self.prefetched))
         if self.held_by is None:
             return self._queue.first()
         if not self.held_by.admits_owner:

@@ -79,15 +79,15 @@ class TaskTree(Stored):
             if parent.watchers is None:
                 parent.watchers = {}
             parent.watchers[task.id] = task
-        if task.is_guest:
-            Recovery.of(parent).guests += 1
+        if task.is_foreign_monitor:
+            Recovery.of(parent).foreign_monitors += 1
 
     def become_last(self, task: Task, parent: Task, sender: Module | None) -> None:
         """Let flags of the next sibling refer to a task, unless it is outside the sequence.
 
         This is separate from ``attach``, because a task may still be refused between the two.
         """
-        if is_aside(task):
+        if is_outside_sequence(task):
             return
         if parent is self.root:
             self.last_of_module[sender] = task
@@ -118,7 +118,7 @@ class TaskTree(Stored):
         clients.newest = asked.serial
         self.grow(task, held_bytes([asked]))
 
-    def forget_asked(
+    def pop_client_requests(
         self, task: Task, is_over: Callable[[ClientRequest], bool] = lambda _: True
     ) -> list[ClientRequest]:
         """Remove and return the requests of clients for which *is_over* is true."""
@@ -152,8 +152,8 @@ class TaskTree(Stored):
         del parent.children[task.id]
         if parent.watchers and task.is_watcher:
             del parent.watchers[task.id]
-        if task.is_guest:
-            Recovery.of(parent).guests -= 1
+        if task.is_foreign_monitor:
+            Recovery.of(parent).foreign_monitors -= 1
         if parent is self.root:
             self._detach_top(task, sending_module(task))
             return
@@ -247,16 +247,18 @@ def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
     ]
 
 
-def is_aside(task: Task) -> bool:
+def is_outside_sequence(task: Task) -> bool:
     """Whether a task is outside the sequence of its siblings: flags never refer to it."""
-    return bool(task.role) or task.message.is_aside
+    return bool(task.role) or task.message.is_outside_sequence
 
 
 def _newest_child(parent: Task) -> Task | None:
     """Return the child that flags refer to after the last child was killed: the newest one left."""
     if parent.sequence is None:
         children = (parent.children or {}).items()
-        parent.sequence = {number: child for number, child in children if not is_aside(child)}
+        parent.sequence = {
+            number: child for number, child in children if not is_outside_sequence(child)
+        }
     return _newest(parent.sequence) if parent.sequence else None
 
 

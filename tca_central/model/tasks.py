@@ -138,7 +138,7 @@ class Task(Ordered):
         self.plans: Plans | None = None
         self.watch: Watch | None = None  #: of a monitor only
         self.clients: Clients | None = None
-        self.keeping: Keeping | None = None
+        self.keeping: Retention | None = None
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
@@ -170,12 +170,12 @@ class Task(Ordered):
         return self.recovery is not None and self.recovery.is_dealt_with
 
     @property
-    def is_guest(self) -> bool:
+    def is_foreign_monitor(self) -> bool:
         """Whether it is a monitor that a foreign module has put under its parent.
 
         A retry of the parent does not end it.
         """
-        return self.watch is not None and self.watch.is_guest
+        return self.watch is not None and self.watch.is_foreign_monitor
 
     @property
     def ignores_parent(self) -> bool:
@@ -201,12 +201,12 @@ class Task(Ordered):
         if recovery is None:
             return not (self.is_running or children)
         return (
-            not (self.is_running or recovery.askers or recovery.unprocessed_handlers)
-            and children == recovery.guests
+            not (self.is_running or recovery.retry_requesters or recovery.unprocessed_handlers)
+            and children == recovery.foreign_monitors
         )
 
     @property
-    def watches_alone(self) -> bool:
+    def has_only_watchers_left(self) -> bool:
         """Whether its handler has returned and only watchers are left under it."""
         if self.has_unprocessed_handlers:
             return False
@@ -257,14 +257,14 @@ class Recovery(Stored):
     """A task's failure, its retries, and the exception handlers attached to it."""
 
     __slots__ = (
-        "askers",
         "attached",
         "attempts",
         "failure",
-        "guests",
+        "foreign_monitors",
         "handler",
         "invocations",
         "is_dealt_with",
+        "retry_requesters",
         "unprocessed_handlers",
     )
 
@@ -278,8 +278,10 @@ class Recovery(Stored):
         self.handler: Task | None = None
         self.attempts = 1  #: number of times that the task has been handled, with the present one
         #: Exception handlers that want a retry and have not ended.
-        self.askers: dict[Task, None] = {}
-        self.guests = 0  #: number of foreign monitors under the task: a retry does not end them
+        self.retry_requesters: dict[Task, None] = {}
+        self.foreign_monitors = (
+            0  #: number of foreign monitors under the task: a retry does not end them
+        )
         #: Number of exception handlers of the task that have ended, and whose decisions are not
         #: processed yet. Until then the task may not end: it may fail again.
         self.unprocessed_handlers = 0
@@ -316,13 +318,13 @@ class Tapping(Stored):
 class Plans(Stored):
     """The plans for a task: timers, planned kills, and messages for its termination."""
 
-    __slots__ = ("farewells", "pending")
+    __slots__ = ("pending", "termination_messages")
 
     def __init__(self) -> None:
         #: By planned event: the timer, or the task whose moment it waits for.
         self.pending: dict[Stored, Timer | Task] = {}
         #: Messages to send when the task is killed, with their data.
-        self.farewells: list[tuple[MessageType, bytes]] = []
+        self.termination_messages: list[tuple[MessageType, bytes]] = []
 
     @staticmethod
     def of(task: Task) -> "Plans":
@@ -341,7 +343,7 @@ class ClientRequest(NamedTuple):
     module: str  #: the client's
     text: str
     body: bytes  #: the new goal of an update
-    is_told: bool  #: the handler decides about it
+    needs_decision: bool  #: the handler decides about it
 
 
 class Clients(Stored):
@@ -363,7 +365,7 @@ class Clients(Stored):
         return task.clients
 
 
-class Keeping(Stored):
+class Retention(Stored):
     """The modules that retain a task (or record), and the records under it."""
 
     __slots__ = ("by", "records")
@@ -371,23 +373,23 @@ class Keeping(Stored):
     def __init__(self) -> None:
         self.by: dict[Module, None] = {}  #: the modules that want it retained
         #: By id: records of ended children, in the order of their ends.
-        self.records: dict[int, KeptTask] = {}
+        self.records: dict[int, TaskRecord] = {}
 
     @staticmethod
-    def of(place: "Task | KeptTask") -> "Keeping":
-        """Return the ``Keeping`` of a task or record, creating it on first use."""
+    def of(place: "Task | TaskRecord") -> "Retention":
+        """Return the ``Retention`` of a task or record, creating it on first use."""
         if place.keeping is None:
             assert isinstance(place, Task)
-            place.keeping = Keeping()
+            place.keeping = Retention()
         return place.keeping
 
 
-class KeptTask(Stored):
+class TaskRecord(Stored):
     """The record of an ended task that a module retains."""
 
     __slots__ = ("body", "id", "keeping", "message", "outcome", "parent", "role")
 
-    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Keeping) -> None:
+    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Retention) -> None:
         self.id, self.message, self.role, self.body, self.outcome = (
             task.id,
             task.message,
@@ -395,7 +397,7 @@ class KeptTask(Stored):
             task.body,
             outcome,
         )
-        self.parent: Task | KeptTask | None = task.parent  #: a living task or a record
+        self.parent: Task | TaskRecord | None = task.parent  #: a living task or a record
         self.keeping = keeping
         for child in keeping.records.values():
             child.parent = self
@@ -406,14 +408,14 @@ class KeptTask(Stored):
         return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
 
     @property
-    def siblings(self) -> "dict[int, KeptTask]":
+    def siblings(self) -> "dict[int, TaskRecord]":
         """The records under the same parent."""
         assert self.parent is not None
-        return Keeping.of(self.parent).records
+        return Retention.of(self.parent).records
 
-    def lineage(self) -> "Iterator[Task | KeptTask]":
+    def lineage(self) -> "Iterator[Task | TaskRecord]":
         """Yield this record and its ancestors, without the root."""
-        ancestor: Task | KeptTask | None = self
+        ancestor: Task | TaskRecord | None = self
         while ancestor is not None and ancestor.id != ROOT:
             yield ancestor
             ancestor = ancestor.parent
@@ -429,7 +431,7 @@ class Watch(Stored):
         "count",
         "fires",
         "holds",
-        "is_guest",
+        "is_foreign_monitor",
         "is_over",
         "options",
         "parts",
@@ -444,13 +446,13 @@ class Watch(Stored):
         task: Task,
         options: WatchOptions,
         parts: list[MessageType | None],
-        is_guest: bool = False,
+        is_foreign_monitor: bool = False,
     ) -> None:
         self.task = task
         self.options = options
         self.parts = parts  #: condition and action; of a demon monitor: set-up, action and cancel
         #: Whether another module than the one that handles its parent has created it.
-        self.is_guest = is_guest
+        self.is_foreign_monitor = is_foreign_monitor
         self.began: float | None = None  #: when it began to watch
         self.since = 0.0  #: start of its first period
         self.activations = 0  #: number of tests still to make because it was fired

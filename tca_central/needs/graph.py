@@ -168,7 +168,7 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
     for number, wait in each(slot.waits.items()):
         group = wait.together or (number,)
         if wait.is_coroutine:
-            awaited = wait.together if wait.origin == delivery.given_as else awaited
+            awaited = wait.together if wait.origin == delivery.handling_id else awaited
             yield None
         elif wait.since > given and (wait.origin or slot.unbegun is not delivery):
             yield [Waiting(slot, one) for one in group] if group[0] == number else None
@@ -193,7 +193,7 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         for claim in each(resource.claims):
             yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
     # A question of the resource's own slot needs no free slot: the slot handles it in its wait.
-    if resource.slots and not resource.free and delivery not in resource.called_back:
+    if resource.slots and not resource.free and delivery not in resource.locked_out_questions:
         yield [Freeing(resource)]
 
 
@@ -245,7 +245,7 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
     elif isinstance(holder, Task) and holder.retrying:
         children = (holder.children or {}).values() if not holder.suspended else ()
         for child in each(children):
-            yield None if child.is_guest else [Place(child, END_ACHIEVING)]
+            yield None if child.is_foreign_monitor else [Place(child, END_ACHIEVING)]
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
@@ -290,7 +290,7 @@ def _of_test(monitor: Task) -> Groups:
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
         return
-    answer, is_point = _current_node(watch.condition), not monitor.message.is_aside
+    answer, is_point = _current_node(watch.condition), not monitor.message.is_outside_sequence
     if answer is None or not (is_point or watch.options.maximum):
         return
     ends: list[Node] = [answer]

@@ -10,7 +10,7 @@ from operator import attrgetter
 from msgspec.structs import replace
 
 from tca_central.model.clock import Timer
-from tca_central.model.contexts import heard_by
+from tca_central.model.contexts import listener_cause
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, PresenceWait
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource
@@ -150,7 +150,7 @@ def _deciding(task: Task) -> list[Task]:
     """Return the exception handlers that hold a task: the deciding one, and retry requesters."""
     if task.recovery is None or task.killed:
         return []
-    known = [task.recovery.handler, *task.recovery.askers]
+    known = [task.recovery.handler, *task.recovery.retry_requesters]
     return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
 
 
@@ -201,7 +201,7 @@ def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
         case Place(other, moment):
             wait = _about(_kind(node, other, moment), other, moment)
             if wait.kind is WaitKind.LISTENER:
-                return replace(wait, module=next(iter(heard_by(other).tap.holders), ""))
+                return replace(wait, module=next(iter(listener_cause(other).tap.holders), ""))
             return wait
         case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)
@@ -236,9 +236,9 @@ def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
     if slot is None:
         return
     given = slot.handling[delivery]
-    for number, wait in chain(slot.waits.items(), slot.pauses.items()):
+    for number, wait in chain(slot.waits.items(), slot.brief_waits.items()):
         is_nested = wait.since > given
-        if wait.origin == delivery.given_as if wait.is_coroutine else is_nested:
+        if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
             yield from _of_request(central, slot, number, is_first=False)
 
 

@@ -105,7 +105,7 @@ class Agenda(Stored):
         task.suspended = parent.suspended and not task.role.leaves_safe
         # A child that arrives after its parent was killed, or while a retry of it is pending, is
         # killed too: the handler that sent it no longer counts.
-        is_late = parent.retrying and not (task.role or task.is_guest)
+        is_late = parent.retrying and not (task.role or task.is_foreign_monitor)
         if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
@@ -203,12 +203,12 @@ class Agenda(Stored):
             self.retry(task)
         return bool(task.killed) or task.retrying
 
-    def end_retry_asker(self, task: Task, handler: Task) -> None:
+    def end_retry_request(self, task: Task, handler: Task) -> None:
         """An exception handler that asked for a retry has ended: the retry may start."""
-        Recovery.of(task).askers.pop(handler, None)
+        Recovery.of(task).retry_requesters.pop(handler, None)
         self.to_advance.append(task)
 
-    def hear(self, task: Task) -> None:
+    def mark_handler_processed(self, task: Task) -> None:
         """Record that the decision of an ended exception handler of the task was processed."""
         Recovery.of(task).unprocessed_handlers -= 1
         self.to_advance.append(task)
@@ -315,7 +315,7 @@ class Agenda(Stored):
             )
             if task.requested:
                 self.startable.append(task)
-        if task.watchers and task.watches_alone:
+        if task.watchers and task.has_only_watchers_left:
             self.left_with_watchers.append(task)
 
     def _reach_due_moments(self, task: Task) -> None:

@@ -305,7 +305,7 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
         yield from (
             Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task)
         )
-        yield from (Place(handler, END_ACHIEVING) for handler in each(_askers(task)))
+        yield from (Place(handler, END_ACHIEVING) for handler in each(_retry_requesters(task)))
 
 
 def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[Place]:
@@ -335,7 +335,7 @@ def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
         yield from (Place(child, END_ACHIEVING) for child in children if not child.is_watcher)
-        yield from (Place(handler, END_ACHIEVING) for handler in _askers(task))
+        yield from (Place(handler, END_ACHIEVING) for handler in _retry_requesters(task))
     if moment in (END_HANDLING, END_ACHIEVING, ALL_ELSE) and task.is_watcher and not task.killed:
         yield from _all_else(task.parent)
 
@@ -346,13 +346,13 @@ def _all_else(task: Task | None) -> Iterator[Place]:
         yield Place(task, ALL_ELSE)
 
 
-def _askers(task: Task) -> Iterable[Task]:
+def _retry_requesters(task: Task) -> Iterable[Task]:
     """Return the exception handlers that want a task retried."""
-    return task.recovery.askers if task.recovery is not None else ()
+    return task.recovery.retry_requesters if task.recovery is not None else ()
 
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* waits for *child* before it is handled again, or else before it is planned."""
-    return (task.retrying and not child.is_guest) or (
+    return (task.retrying and not child.is_foreign_monitor) or (
         task.recovery is not None and task.recovery.handler is child
     )

@@ -22,7 +22,7 @@ from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
 from tca_central.order.prefetching import (
     DispatchOutput,
-    MessagesAhead,
+    Prefetcher,
     first_prefetched,
     is_handled_in,
     record_run,
@@ -60,7 +60,7 @@ class Dispatcher(Stored):
         "granted",
         "handlers",
         "is_holding",
-        "messages_ahead",
+        "prefetcher",
         "running",
         "stranded",
         "to_offer",
@@ -71,7 +71,7 @@ class Dispatcher(Stored):
         self, facts: list[Fact], out: DispatchOutput, suspects: deque[Suspect], clock: Clock
     ) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
-        self.messages_ahead = MessagesAhead(out, clock)
+        self.prefetcher = Prefetcher(out, clock)
         self._arrivals = 0
         self.is_holding = False  #: after a restart: no task starts
         self.running: dict[int, Delivery] = {}  #: by the number under which its handler has it
@@ -102,7 +102,7 @@ class Dispatcher(Stored):
             return
         slot = own_slot(delivery, resources)
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
-            slot.resource.called_back[delivery] = slot
+            slot.resource.locked_out_questions[delivery] = slot
             slot = None
         if slot is None:
             self._queue(delivery, resources)
@@ -131,15 +131,15 @@ class Dispatcher(Stored):
         is_sure = False
         for resource in resources:
             resource.queue(delivery)
-            if resource.ahead:
-                self.messages_ahead.recall_if_overtaken(resource, delivery)
+            if resource.prefetched:
+                self.prefetcher.recall_if_overtaken(resource, delivery)
             is_sure = is_sure or _is_sure_to_be_handled(resource)
         # Only a message that may wait for ever is checked for a deadlock.
         if not is_sure:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
-        self.messages_ahead.fill(first)
+        self.prefetcher.fill(first)
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._apply_limit(limit, delivery, resource)
@@ -199,7 +199,7 @@ class Dispatcher(Stored):
     def _assign(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool = False) -> None:
         """Assign a delivery to a slot."""
         delivery.slot = slot
-        self.running[delivery.given_as] = delivery
+        self.running[delivery.handling_id] = delivery
         if not delivery.is_task:
             self.bytes += DELIVERY_BYTES + len(delivery.body)
         self._out.deliver(delivery, slot, is_prefetched=is_prefetched)
@@ -210,13 +210,13 @@ class Dispatcher(Stored):
         *took* is the time by the handler's own clock (0: unknown). The slot is offered last,
         because what follows may kill or hold the next message.
         """
-        del self.running[delivery.given_as]
+        del self.running[delivery.handling_id]
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
-        if slot.doubts:
-            self._clock.cancel(slot.doubts.pop(delivery.given_as, None))
+        if slot.hang_timers:
+            self._clock.cancel(slot.hang_timers.pop(delivery.handling_id, None))
         del slot.handling[delivery]
         slot.unbegun = None
         slot.known_until = ended
@@ -240,15 +240,15 @@ class Dispatcher(Stored):
             self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._assign_next(following, resource)
-            if resource.free or resource.called_back:
+            if resource.free or resource.locked_out_questions:
                 self.to_offer.append((resource, None))
-        elif resource.called_back and not resource.is_locked:
+        elif resource.locked_out_questions and not resource.is_locked:
             # A slot that waits for an answer from its own resource would wait for itself.
-            for delivery, sender in list(resource.called_back.items()):
+            for delivery, sender in list(resource.locked_out_questions.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
                     self._assign_nested(delivery, sender)
-            resource.called_back.clear()
+            resource.locked_out_questions.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
         """Return what a resource admits next.
@@ -264,7 +264,7 @@ class Dispatcher(Stored):
         """Give a queued delivery to a free slot, and let the slot prefetch what follows."""
         slot = self._move_to_slot(delivery, resource)
         if slot.resource is not None and not delivery.is_task:
-            self.messages_ahead.fill(slot.resource)
+            self.prefetcher.fill(slot.resource)
 
     def _move_to_slot(
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
@@ -272,8 +272,8 @@ class Dispatcher(Stored):
         """Move a queued delivery to a free slot, which is returned."""
         slot, is_prefetched, dropped = (
             resource.acquire_slot(),
-            delivery in resource.ahead,
-            resource.ahead.get(delivery),
+            delivery in resource.prefetched,
+            resource.prefetched.get(delivery),
         )
         self._leave_queues(delivery)
         self._assign(delivery, slot, is_prefetched=is_prefetched)
@@ -289,7 +289,7 @@ class Dispatcher(Stored):
         that frees the slot. Central then gives it the delivery now.
         """
         resource, first = slot.resource, first_prefetched(slot)
-        if first is None or first.given_as != number or resource is None or not slot.has_room:
+        if first is None or first.handling_id != number or resource is None or not slot.has_room:
             return None
         # Usual case: the message before has just returned, and its slot was offered last.
         if self.to_offer and self.to_offer[-1] == (resource, slot):
@@ -304,7 +304,7 @@ class Dispatcher(Stored):
         Deliveries that were dropped in the meantime are left out.
         """
         found = []
-        for delivery in list(resource.ahead) if resource.ahead_at is slot else ():
+        for delivery in list(resource.prefetched) if resource.prefetching_slot is slot else ():
             dropped = resource.requeue_prefetched(delivery)
             self.withdraw(delivery, keep_place=True, dropped=dropped or ())
             if dropped is None:
@@ -326,13 +326,13 @@ class Dispatcher(Stored):
         the deliveries that the slot must not get again: they are out of their queue.
         """
         resource = slot.resource
-        if resource is None or resource.ahead_at is not slot:
+        if resource is None or resource.prefetching_slot is not slot:
             return []
         numbers = set(unbegun)
         returned = [
             (delivery, resource.requeue_prefetched(delivery))
-            for delivery in list(resource.ahead)
-            if delivery.given_as in numbers
+            for delivery in list(resource.prefetched)
+            if delivery.handling_id in numbers
         ]
         for delivery, dropped in returned:
             if dropped is not None:  # dropped in the meantime
@@ -346,7 +346,7 @@ class Dispatcher(Stored):
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
-            self.messages_ahead.recall(resource)  # later ones may be on their way to the slot
+            self.prefetcher.recall(resource)  # later ones may be on their way to the slot
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
             if (begun := first_prefetched(slot)) is not None and resource.is_free(slot):
@@ -371,7 +371,7 @@ class Dispatcher(Stored):
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
-            self.messages_ahead.recall_if_overtaken(resource, claim)
+            self.prefetcher.recall_if_overtaken(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: ModuleClaim) -> None:
@@ -387,13 +387,13 @@ class Dispatcher(Stored):
         With *keep_place* it keeps its place for the next time. The facts in *dropped* are recorded
         now; but if a slot has prefetched the delivery, when the slot has returned or begun it.
         """
-        if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
+        if delivery.queues is None or self.prefetcher.revoke(delivery, dropped):
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
         if not keep_place:
             delivery.arrival = 0
-        self._facts.append(Unqueued(delivery.given_as))
+        self._facts.append(Unqueued(delivery.handling_id))
         self._leave_queues(delivery)
         self._facts.extend(dropped)
 
@@ -424,7 +424,7 @@ class Dispatcher(Stored):
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self.messages_ahead.recall(resource)  # the new slot may take some of them
+        self.prefetcher.recall(resource)  # the new slot may take some of them
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
@@ -435,18 +435,18 @@ class Dispatcher(Stored):
         ahead: list[Delivery] = []
         if slot.resource is not None:
             ahead = self._remove_prefetched(slot, slot.resource)
-            if slot is slot.resource.ahead_at:
+            if slot is slot.resource.prefetching_slot:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
-        for timer in slot.doubts.values():
+        for timer in slot.hang_timers.values():
             self._clock.cancel(timer)
-        slot.doubts.clear()
+        slot.hang_timers.clear()
         orphans, slot.handling, slot.unbegun = list(slot.handling), {}, None
         for delivery in orphans:
-            del self.running[delivery.given_as]
+            del self.running[delivery.handling_id]
             if not delivery.is_task:
                 self.bytes -= DELIVERY_BYTES + len(delivery.body)
             if slot.resource is not None and not delivery.nested:
@@ -485,7 +485,7 @@ class Dispatcher(Stored):
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
         """Remove one handler. Return what waited for it."""
         message = handler.message
-        self.messages_ahead.recall(handler.resource)
+        self.prefetcher.recall(handler.resource)
         queued = self._remove_queued(message, handler.resource)
         message.remove_handler(handler)
         self.handlers -= 1
@@ -512,7 +512,9 @@ class Dispatcher(Stored):
         They are returned, oldest first, without those that a slot has prefetched.
         """
         ahead = {
-            one for resource in ([only] if only else _resources(message)) for one in resource.ahead
+            one
+            for resource in ([only] if only else _resources(message))
+            for one in resource.prefetched
         }
         queued = [one for one in self.queued(message, only) if one not in ahead]
         message.waiting.clear()
@@ -537,7 +539,7 @@ def _resources(message: MessageType) -> list[ModuleResource]:
 
 
 def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
-    return Queued(delivery.given_as, delivery.message_id, module, resource, delivery.priority)
+    return Queued(delivery.handling_id, delivery.message_id, module, resource, delivery.priority)
 
 
 def _is_sure_to_be_handled(resource: ModuleResource) -> bool:

@@ -456,7 +456,9 @@ def _ending(killed: list[Task]) -> dict[Task, None]:
     staying: set[Task] = set()
     doomed = set(killed)
     for task in reversed(killed):
-        is_left = task.watch is not None or (task.plans is not None and task.plans.farewells)
+        is_left = task.watch is not None or (
+            task.plans is not None and task.plans.termination_messages
+        )
         others = any(
             child not in doomed or child in staying for child in (task.children or {}).values()
         )

@@ -34,7 +34,7 @@ class DispatchOutput(Protocol):
         """Ask a slot to return prefetched deliveries that it has not begun."""
 
 
-class MessagesAhead(Stored):
+class Prefetcher(Stored):
     """Sends messages for prefetching, and recalls them."""
 
     __slots__ = ("_clock", "_out", "trusts_all")
@@ -54,7 +54,7 @@ class MessagesAhead(Stored):
         if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
         while (
-            len(resource.ahead) < slot.prefetch
+            len(resource.prefetched) < slot.prefetch
             and (delivery := resource.next_to_prefetch()) is not None
         ):
             if not _can_be_prefetched(delivery, resource):
@@ -76,17 +76,21 @@ class MessagesAhead(Stored):
         it.
         """
         for resource in delivery.queues or ():
-            if delivery in resource.ahead:
-                resource.ahead[delivery] = dropped
+            if delivery in resource.prefetched:
+                resource.prefetched[delivery] = dropped
                 self.recall(resource)
                 return True
         return False
 
     def recall(self, resource: Resource[Connection, Delivery]) -> None:
         """Admit nothing to a resource until its slot has returned what it had not begun."""
-        if resource.ahead and resource.ahead_at is not None and not resource.is_recalling:
+        if (
+            resource.prefetched
+            and resource.prefetching_slot is not None
+            and not resource.is_recalling
+        ):
             resource.is_recalling = True
-            self._out.recall(resource.ahead_at)
+            self._out.recall(resource.prefetching_slot)
 
 
 def record_run(resource: ModuleResource, seconds: float) -> None:
@@ -96,7 +100,7 @@ def record_run(resource: ModuleResource, seconds: float) -> None:
 
 def first_prefetched(slot: Connection) -> Delivery | None:
     """Return the message that a slot will handle next, if it has prefetched it."""
-    return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
+    return next(iter(slot.resource.prefetched), None) if slot.resource is not None else None
 
 
 def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:

@@ -9,7 +9,7 @@ from tca_central.errors import RequestError
 from tca_central.model import registry
 from tca_central.model.deliveries import MessageType
 from tca_central.model.tasks import Task
-from tca_central.state import Collector, State, lose
+from tca_central.state import Collector, State, drop
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
@@ -77,9 +77,9 @@ def _forget(central: State, message: MessageType) -> None:
     for inform in list(message.waiting.values()):
         central.dispatcher.withdraw(inform)
         why = "it has no handler, its module has left, and room was needed for other names"
-        lose(central, inform, why, Dropping.OVERLOAD)
+        drop(central, inform, why, Dropping.OVERLOAD)
         central.budget.refused += 1
-    for connection in message.senders_told:
+    for connection in message.informed_senders:
         connection.routes.pop(message, None)
     central.registry.forget_message(message)
 
@@ -118,5 +118,8 @@ def _used(central: State) -> Iterator[MessageType]:
 def _used_by(task: Task) -> Iterator[MessageType]:
     """Yield the messages that a task refers to."""
     yield task.message
-    yield from (message for message, _ in (task.plans.farewells if task.plans is not None else ()))
+    yield from (
+        message
+        for message, _ in (task.plans.termination_messages if task.plans is not None else ())
+    )
     yield from (tap.listener for tap in task.taps)

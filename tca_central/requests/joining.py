@@ -7,7 +7,7 @@ from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
-from tca_central.life_cycles.changes import check_wishes, restart, tell_again
+from tca_central.life_cycles.changes import check_custom_handler, resend_requests, restart
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
@@ -23,8 +23,8 @@ from tca_central.requests.replying import fail_delivery
 from tca_central.requests.restarting import release_if_complete
 from tca_central.requests.variables import forget_unfit_value, send_value_to_watcher
 from tca_central.requests.waiting import give_up
-from tca_central.state import State, cancelled_header, deliver_header, lose
-from tca_central.watching.taps import fire_after, listeners_come
+from tca_central.state import State, cancelled_header, deliver_header, drop
+from tca_central.watching.taps import fire_after, on_listeners_added
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
 from tca_wire.messages.failures import MODULE_LOST, UNCERTAIN
@@ -88,29 +88,29 @@ def greet(
 def _resend_all(central: State, connection: Connection) -> None:
     """Repeat what a connection that is back may have missed."""
     for orphan in connection.orphans:  # it has failed: a handler that still runs should stop
-        central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
+        central.notify(connection, Cancelled(orphan, "its connection to central was lost"))
     connection.orphans = []
     for number, taken in connection.lost_claims.items():
-        central.tell(connection, headers.Taken(number, taken.text))
+        central.notify(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.running.values()):
         # It may have been lost on the way. A slot that has it ignores the repetition.
         if delivery.slot is connection:
-            central.tell(connection, deliver_header(delivery), delivery.body)
+            central.notify(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task):
-                tell_again(central, delivery)
+                resend_requests(central, delivery)
                 if delivery.killed or delivery.retrying:
-                    central.tell(connection, cancelled_header(delivery))
+                    central.notify(connection, cancelled_header(delivery))
     resource = connection.resource
     if resource is None:
         _report_hung_slots(central, connection)
-    elif resource.ahead_at is connection:
+    elif resource.prefetching_slot is connection:
         _resend_prefetched(central, connection, resource)
 
 
 def _resend_prefetched(central: State, connection: Connection, resource: ModuleResource) -> None:
     """Send prefetched messages again, and the recall if one is in progress."""
-    for place, delivery in enumerate(resource.ahead, len(connection.handling)):
-        central.tell(connection, deliver_header(delivery, place), delivery.body)
+    for place, delivery in enumerate(resource.prefetched, len(connection.handling)):
+        central.notify(connection, deliver_header(delivery, place), delivery.body)
     if resource.is_recalling:
         central.recall(connection)
 
@@ -119,7 +119,7 @@ def _report_hung_slots(central: State, connection: Connection) -> None:
     """Repeat which slots of a module to replace, because their handlers hang."""
     for lost in central.registry.lost.values():
         if lost.was_replaced and lost.module is connection.module:
-            central.tell(connection, headers.Replace(lost.number))
+            central.notify(connection, headers.Replace(lost.number))
 
 
 def _check_hello(header: headers.Hello) -> None:
@@ -202,8 +202,8 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
     welcome = headers.Welcome(
         header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
     )
-    central.tell(connection, welcome)
-    direct_routes.tell_barred(central, connection)
+    central.notify(connection, welcome)
+    direct_routes.send_invalid_licences(central, connection)
 
 
 def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
@@ -214,7 +214,7 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """Remove a connection. Its unfinished messages fail (*lost*) or go to another handler."""
     module = connection.module
-    central.untold.pop(connection, None)
+    central.unconfirmed.pop(connection, None)
     is_uncertain = connection in central.hold.awaited
     central.hold.awaited.pop(connection, None)
     forgotten = central.registry.forget_connection(connection)
@@ -236,7 +236,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct_routes.review_slots(central, connection)
-        direct_routes.tell_slot_gone(central, connection, why, lost=lost)
+        direct_routes.report_closed_slot(central, connection, why, lost=lost)
     _forget_if_gone(central, module, why, lost=lost)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
@@ -260,7 +260,11 @@ def on_hung(central: State, delivery: Delivery) -> None:
     Its module is asked to replace the slot.
     """
     slot = delivery.slot
-    if slot is None or slot.doubts.pop(delivery.given_as, None) is None or slot.resource is None:
+    if (
+        slot is None
+        or slot.hang_timers.pop(delivery.handling_id, None) is None
+        or slot.resource is None
+    ):
         return
     what = (
         f"its handler of '{delivery.message.name}' hangs: "
@@ -272,14 +276,14 @@ def on_hung(central: State, delivery: Delivery) -> None:
     disconnect(central, slot, what, lost=True)
     for own in module.connections.values():
         if own.resource is None:
-            central.tell(own, headers.Replace(slot.number, what))
+            central.notify(own, headers.Replace(slot.number, what))
 
 
 def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
     what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
-    connection.orphans.append(delivery.given_as)
-    connection.late[delivery.given_as] = (
+    connection.orphans.append(delivery.handling_id)
+    connection.late[delivery.handling_id] = (
         f"the answer of {what} came too late: the module had been lost ({why})"
     )
     if len(connection.late) > MOST_LATE:
@@ -313,10 +317,10 @@ def _fail_or_drop(
 ) -> None:
     """End a delivery that only the lost handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
-        lose(central, delivery, f"module '{module.name}' left before it began with it")
+        drop(central, delivery, f"module '{module.name}' left before it began with it")
         return
-    if isinstance(delivery, Task) and delivery.given_as != delivery.id:
-        central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+    if isinstance(delivery, Task) and delivery.handling_id != delivery.id:
+        central.facts.append(facts.Returned(delivery.handling_id, Outcome.FAILED, b""))
     fire_after(central, delivery, RETURNED | FAILURE)
     text = f"module '{module.name}' was lost: {why}"
     failure = (
@@ -333,7 +337,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
         central.dispatcher.route(delivery)
         return
     # It may be held or killed before it is queued again, so it leaves its queue first.
-    central.facts.append(facts.Unqueued(delivery.given_as))
+    central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
         central.agenda.requeue(delivery)
@@ -368,7 +372,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
             raise RequestError(Refusal.PROTOCOL, text)
         known = new.get(handled.message) or registry.messages[handled.message].format
         direct_routes.check_handler(handled, known.message_class)
-        check_wishes(handled, known)
+        check_custom_handler(handled, known)
     _make_room(central, header)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
@@ -384,7 +388,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
                 )
             )
             forget_unfit_value(central, message)
-    listeners_come(central, [handled.message for handled in header.handlers])
+    on_listeners_added(central, [handled.message for handled in header.handlers])
     for handled in header.handlers:
         _add_handler(central, module, handled)
     module.is_ready |= header.is_ready
@@ -464,7 +468,7 @@ def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
-            lose(central, delivery, why)
+            drop(central, delivery, why)
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:
@@ -477,7 +481,7 @@ def _route_again(central: State, queued: list[Delivery]) -> None:
     central.dispatcher.route_all(stranded)
     if stranded:
         tasks = [one for one in others if isinstance(one, Task)]
-        central.facts.extend(facts.Unqueued(task.given_as) for task in tasks)
+        central.facts.extend(facts.Unqueued(task.handling_id) for task in tasks)
         central.agenda.startable.extend(tasks)
         others = [one for one in others if not isinstance(one, Task)]
     central.dispatcher.route_all(others)

@@ -9,7 +9,7 @@ from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.tasks import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
-from tca_central.state import Collector, State, lose
+from tca_central.state import Collector, State, drop
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
@@ -37,7 +37,7 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):
             central.facts.append(facts.Ignored(connection.module.name, late))
-            central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
+            central.notify(connection, headers.Refused(0, Refusal.TOO_LATE, late))
             return None
         if delivery_id <= connection.repeats_until and (
             delivery is None or delivery.slot is not connection
@@ -103,7 +103,7 @@ def _return(
         return
     ended = max(delivery.since, connection.to_central_time(now, ago)) if ago else now
     central.facts.append(
-        facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0)
+        facts.Returned(delivery.handling_id, Outcome.DONE, body, ended if ended < now else 0.0)
     )
     central.dispatcher.complete(delivery, ended, took)
     fire_after(central, delivery, RETURNED | SUCCESS)
@@ -132,7 +132,9 @@ def _return(
 def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
     """Return why there is no room for the result of a task; "" if there is."""
     return (
-        central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+        central.refuse_if_full(len(body))
+        if len(body) > _SMALL and isinstance(delivery, Task)
+        else ""
     )
 
 
@@ -149,7 +151,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         text = f"the data of failure '{header.failure}' are not taken: {why}\n{header.text}"
         header, body = headers.Fail(header.delivery, OVERLOAD, text, reissue=header.reissue), b""
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
-    central.facts.append(facts.Returned(delivery.given_as, outcome, body))
+    central.facts.append(facts.Returned(delivery.handling_id, outcome, body))
     central.dispatcher.complete(delivery, central.clock.now)
     fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_claims_of(central, delivery, "its handler failed")
@@ -183,7 +185,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
         fail_task(central, delivery, failure)
     else:
         end_claims_of(central, delivery, "it failed")
-        central.note_failure(delivery, failure)
+        central.record_failure(delivery, failure)
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body, failure.kinds)
 
@@ -195,7 +197,7 @@ def report_displaced(central: State, delivery: Delivery, why: str) -> None:
     elif delivery.message.message_class.has_reply:
         fail_delivery(central, delivery, RaisedFailure(OVERLOAD, why))
     else:
-        lose(central, delivery, why, Dropping.DISPLACED)
+        drop(central, delivery, why, Dropping.DISPLACED)
 
 
 def _answer_query(
@@ -206,7 +208,7 @@ def _answer_query(
         sender = delivery.sender
         if sender is not None and sender.outstanding.pop(delivery.number, None) is not None:
             central.facts.append(facts.Answered(delivery.id))
-            central.send(sender, delivery.number, answer, body)
+            central.answer(sender, delivery.number, answer, body)
     elif (watch := central.watch_of_condition.pop(delivery.id, None)) is not None:
         on_condition_answered(central, watch, answer, body, kinds)
     elif (collector := central.collectors.pop(delivery.id, None)) is not None:
@@ -224,12 +226,12 @@ def _collect(
         collector.wanted -= 1
         collector.answered += 1
         collector.end = Answer(collector.number), b""
-        central.tell(collector.connection, Answer(collector.number, more=True), body)
+        central.notify(collector.connection, Answer(collector.number, more=True), body)
     else:
         text = answer.text.partition("\n")[0][:_LONGEST]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # it ends with the first failure, unless a reply comes
-            kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
+            kept = body if len(body) <= _SMALL or not central.refuse_if_full(len(body)) else b""
             collector.end = (
                 Answer(collector.number, answer.outcome, answer.failure, answer.text),
                 kept,
@@ -247,7 +249,7 @@ def end_if_complete(central: State, collector: Collector) -> None:
         answer, body = Answer(collector.number), b""
         if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
             answer, body = end_of_multi_query(central, collector, collector.number)
-        central.send(collector.connection, collector.number, answer, body)
+        central.answer(collector.connection, collector.number, answer, body)
 
 
 def end_collector(central: State, collector: Collector) -> None:

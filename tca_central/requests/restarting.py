@@ -27,7 +27,7 @@ def on_restarted(central: State, event: Restarted) -> None:
         connection.pulse = b""
         registry.connections[connection.id] = connection
     central.hold.awaited = dict.fromkeys(known)
-    central.hold.until_told = event.hold
+    central.hold.until_resumed = event.hold
     central.dispatcher.is_holding = True
     central.clock.cancel(central.hold.grace)
     central.hold.grace = central.clock.after(
@@ -41,14 +41,18 @@ def on_restarted(central: State, event: Restarted) -> None:
 
 def release_if_complete(central: State) -> None:
     """Let tasks start again when no connection is awaited, and no operator must resume them."""
-    if central.dispatcher.is_holding and not central.hold.awaited and not central.hold.until_told:
+    if (
+        central.dispatcher.is_holding
+        and not central.hold.awaited
+        and not central.hold.until_resumed
+    ):
         _release_tasks(central, "")
 
 
 def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: bytes) -> None:
     """Let tasks start again, as an operator requests, although connections are missing."""
     if central.dispatcher.is_holding:
-        central.hold.until_told = False
+        central.hold.until_resumed = False
         _release_tasks(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:

@@ -5,7 +5,11 @@ changed nothing.
 """
 
 from tca_central.control.keeping import check_room, keep
-from tca_central.control.steering import check_farewell, keep_for_termination, set_deadline
+from tca_central.control.steering import (
+    check_termination_message,
+    set_deadline,
+    store_termination_message,
+)
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
@@ -18,11 +22,11 @@ from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import (
     at_birth,
     copies,
+    reason_to_drop,
     route_statement,
     suspend,
-    why_nobody_has_room,
 )
-from tca_central.outgoing.direct_routes import tell_sender
+from tca_central.outgoing.direct_routes import offer_route
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, State
 from tca_central.watching.taps import fire_after
@@ -49,13 +53,13 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
         raise RequestError(Refusal.UNKNOWN, text)
     _check_message(central, header, message)
     if header.when_killed:
-        check_farewell(message, header.parent)
+        check_termination_message(message, header.parent)
     if header.if_handled and not message.serving:
         if header.number:
             central.accept(connection, header.number)
         return
     if message.route:
-        tell_sender(central, connection, message)
+        offer_route(central, connection, message)
     ROUTES[message.message_class](central, connection, header, message, body)
 
 
@@ -115,7 +119,7 @@ def _route_statement(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
     """Route an inform or a broadcast."""
-    if header.number and (why := why_nobody_has_room(central, message, body)):
+    if header.number and (why := reason_to_drop(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
@@ -183,7 +187,7 @@ def _route_task(
     central.check_task_depth(message, parent)
     central.check_room(len(body) + EDGE_BYTES * len(header.constraints))
     if header.when_killed:
-        keep_for_termination(central, parent, message, body)
+        store_termination_message(central, parent, message, body)
         central.accept(connection, header.number)
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
@@ -200,7 +204,7 @@ def _route_task(
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
-    central.tell_birth(task)
+    central.report_new_task(task)
     if is_monitor:
         enlist_monitor(central, task)
     if has_extras:
@@ -218,9 +222,9 @@ def record_refusal(central: State, header: Send, text: str) -> None:
     The handler that sent the task fails at its end, unless its reply says that it knows.
     """
     delivery = central.dispatcher.running[central.origin]
-    before = delivery.refused.number if delivery.refused.delivery == delivery.given_as else 0
+    before = delivery.refused.number if delivery.refused.delivery == delivery.handling_id else 0
     delivery.refused = Refusals(
-        delivery.given_as, before + 1, f"'{header.message}' was refused: {text}"
+        delivery.handling_id, before + 1, f"'{header.message}' was refused: {text}"
     )
 
 
@@ -250,7 +254,9 @@ def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> Non
     options = header.watch or WatchOptions()
     check_options(central, task.message, options)
     _check_end(task.message, parent, options)
-    become_monitor(central, task, options, is_guest=is_foreign(central, parent, header.origin))
+    become_monitor(
+        central, task, options, is_foreign_monitor=is_foreign(central, parent, header.origin)
+    )
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
@@ -259,7 +265,7 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
     if (
         until is None
         or until.moment is not Moment.END_ACHIEVING
-        or not (options.waited_for or not message.is_aside)
+        or not (options.waited_for or not message.is_outside_sequence)
     ):
         return
     above = parent.above(until.task)

@@ -47,7 +47,7 @@ def on_get_variable(
 
     The answer is not stored: a repeated request gets the newest value.
     """
-    central.tell(
+    central.notify(
         connection, Answer(header.number), _value(central, _variable(central, header.variable))
     )
 
@@ -82,7 +82,7 @@ def on_set_variable(
     for handler in message.handlers:
         central.dispatcher.route(copy_of(central, delivery), handler.resource)
     if header.swap:
-        central.send(connection, header.number, Answer(header.number), before)
+        central.answer(connection, header.number, Answer(header.number), before)
     elif header.number:
         central.accept(connection, header.number, delivery.id)
 

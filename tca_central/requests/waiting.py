@@ -1,7 +1,7 @@
 """Modules wait for a moment of a task or for an answer, and give up waiting."""
 
-from tca_central.life_cycles.observing import begin_observers_wait
-from tca_central.locks.claims import give_up_claim
+from tca_central.life_cycles.observing import start_observers_wait
+from tca_central.locks.claims import release_claim
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.intervals import checked_moment
@@ -56,7 +56,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
     found = (connection.outstanding.get(number) for number in numbers)
     awaited = [one for one in found if isinstance(one, Awaited)]
     observed = [one for one in awaited if isinstance(one, Observation)]
-    if connection.untold and not observed:
+    if connection.unconfirmed and not observed:
         central.confirm_tasks(connection)
     if header.seen < 0:
         for one in observed:
@@ -73,7 +73,7 @@ def _begin_waits(
         if isinstance(due, Delivery | Collector):
             central.facts.append(facts.Awaited(due.id))
         elif isinstance(due, Observation):
-            begin_observers_wait(central, due)
+            start_observers_wait(central, due)
     if header.blocking and connection.waits.keys().isdisjoint((header.request, *header.others)):
         brief = header.brief or isinstance(awaited[0], Delivery | Collector)
         central.block(
@@ -115,7 +115,7 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
     answer, body = end_of_wait(central, connection, header.request, header.number)
     give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
     if header.number:
-        central.send(connection, header.number, answer, body)
+        central.answer(connection, header.number, answer, body)
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
@@ -150,7 +150,7 @@ def give_up(
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
     elif due is None or isinstance(due, Claim):
-        give_up_claim(central, connection, number, why)
+        release_claim(central, connection, number, why)
     elif isinstance(due, Collector):
         end_collector(central, due)
         for delivery in due.pending.values():

@@ -230,7 +230,7 @@ class Inbox:
         self._waiting.append(waiting)
         self._bytes += len(body)
 
-    def take(self) -> tuple[Deliver, bytes] | None:
+    def next_message(self) -> tuple[Deliver, bytes] | None:
         """Return the next message, to be handled now, or None."""
         while self._waiting:
             waiting = self._waiting.popleft()

@@ -90,7 +90,7 @@ class DirectMessages:
 
     def next_message(self) -> tuple[Deliver, bytes] | None:
         """Return the next direct message, if the slot handles nothing, or None."""
-        return self._inbox.take() if self._inbox is not None and self._may_start else None
+        return self._inbox.next_message() if self._inbox is not None and self._may_start else None
 
     def reply(self, header: Any, body: bytes) -> bool:
         """Send the outcome of a handler; return False if its message was not a direct one."""

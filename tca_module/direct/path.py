@@ -100,7 +100,7 @@ class DirectPath:
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``tend`` may have something to do though nothing arrives."""
+        """Whether ``send_due`` may have something to do though nothing arrives."""
         return not self.is_over and (
             self._gives_up_at is not None or self.is_needed or not self._is_open
         )
@@ -119,7 +119,7 @@ class DirectPath:
         self._arrived = 0
         self.is_asked = self.unconfirmed > 0
 
-    def ask(self, request: Request, now: float) -> bool:
+    def send_query(self, request: Request, now: float) -> bool:
         """Send a query; return False if it must go another way.
 
         If too much is under way, the query is refused.
@@ -137,7 +137,7 @@ class DirectPath:
         self._asked_at = now
         return True
 
-    def tell(self, header: headers.Send, body: bytes) -> bool:
+    def send_inform(self, header: headers.Send, body: bytes) -> bool:
         """Send an inform; return False if it must go another way.
 
         If too much is under way, the inform is lost.
@@ -168,7 +168,7 @@ class DirectPath:
         self._bytes += len(body)
         return True
 
-    def tend(self, now: float) -> None:
+    def send_due(self, now: float) -> None:
         """Greet when that is due; give up on a slot that has disconnected."""
         is_waiting = self.requests or self._under_way or not self._is_open
         if self._gives_up_at is not None and now >= self._gives_up_at[0]:
@@ -193,13 +193,13 @@ class DirectPath:
             )
             self.socket.send(pack_item(greet))
 
-    def gone(self, text: str, now: float, *, lost: bool) -> None:
+    def on_disconnected(self, text: str, now: float, *, lost: bool) -> None:
         """Note that the slot has disconnected: it was *lost*, or left and may still send some
         answers.
         """
         self.receive()
         self._gives_up_at = now + (0 if lost else LAST_WORDS), text
-        self.tend(now)
+        self.send_due(now)
 
     def lose_all(self, why: str) -> None:
         """Fail all queries: their outcome is unknown."""

@@ -45,7 +45,7 @@ class DirectRoutes:
         if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
-        return request if path.ask(request, time.monotonic()) else None
+        return request if path.send_query(request, time.monotonic()) else None
 
     def send_inform(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; return False if it must go through central, or is another
@@ -56,7 +56,7 @@ class DirectRoutes:
             or (path := self._path(header.message)) is None
         ):
             return False
-        return path.tell(header, body)
+        return path.send_inform(header, body)
 
     def _path(self, message: str) -> DirectPath | None:
         paths = self._routes.get(message) or deque()
@@ -100,10 +100,10 @@ class DirectRoutes:
             elif isinstance(header, Barred):
                 pass  # for the receiving side
             elif (closing := self.paths.get(header.endpoint)) is not None:
-                closing.gone(header.text, now, lost=header.lost)
+                closing.on_disconnected(header.text, now, lost=header.lost)
         for path in self.paths.values():
             path.receive()
-            path.tend(now)
+            path.send_due(now)
             while path.complaints:
                 self._log.warning("%s", path.complaints.pop())
             self._is_tidy &= not path.is_over

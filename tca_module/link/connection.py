@@ -90,7 +90,7 @@ class Connection(Waits):
         names = ", ".join(message.title for message in new or messages)
         for header in registers(formats, handled, is_ready=is_ready):
             self.call(header, f"declaring {names or 'that it is ready'}", within=within)
-        self.session.declared(formats, handled, is_ready=is_ready)
+        self.session.add_declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 
     def has_declared(self, message: Message[Any, Any]) -> bool:
@@ -117,7 +117,7 @@ class Connection(Waits):
             self._wait_for_acknowledgement(request, what, within)
             return request.accepted or 0
 
-    def answered(
+    def ask_central(
         self,
         header: headers.ToCentral,
         what: object,
@@ -153,7 +153,7 @@ class Connection(Waits):
         """Send a goal, command or monitor, and return its id without waiting for central.
 
         If central refuses the task, the error is raised by the first use of the id, the sender's
-        next call, or ``settle``. While central is away, this waits for it.
+        next call, or ``raise_send_errors``. While central is away, this waits for it.
         """
         with self.locked():
             session, epoch = self.session, self.session.epoch
@@ -169,7 +169,7 @@ class Connection(Waits):
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
         """Request the change of a task's state that *what* describes, without waiting for central.
 
-        A refusal is raised by the next call of the same sender, or by ``settle``. A change that
+        A refusal is raised by the next call of the same sender, or by ``raise_send_errors``. A change that
         came too late is only logged.
         """
         with self.locked():
@@ -181,15 +181,15 @@ class Connection(Waits):
             self.line.flush(0.0, is_patient=True)
             return request
 
-    def acknowledged(self, request: Request) -> EpochNumber:
+    def wait_for_id(self, request: Request) -> EpochNumber:
         """Wait until central has accepted a sent task, and return its id.
 
         Raises the error of the send. Works from any thread.
         """
-        if not self.is_mine:
+        if not self.is_own_thread:
             self._wait_from_other_thread(request)
         try:
-            if self.is_mine:
+            if self.is_own_thread:
                 self._wait_for_acknowledgement(request, request.what)
         finally:
             self.session.sends.discard(request)
@@ -218,7 +218,7 @@ class Connection(Waits):
                     f"{request.what} was not acknowledged within {ACKNOWLEDGED_WITHIN:g} s"
                 )
 
-    def settle(self, origin: int, *, wait: bool) -> None:
+    def raise_send_errors(self, origin: int, *, wait: bool) -> None:
         """Raise the first error of the tasks that were sent for the delivery *origin*.
 
         With *wait*, first wait until central has accepted or refused every sent task. Handlers need
@@ -292,7 +292,7 @@ class Connection(Waits):
             return
         for number in numbers:
             if isinstance(number, SentId):
-                number.be_nameable(self)
+                number.check_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
             # This connection may not know of the restart yet: an exchange with central shows it.
             with contextlib.suppress(CentralLost, Timeout):
@@ -310,23 +310,23 @@ class Connection(Waits):
         release is then repeated as soon as it does.
         """
         header = headers.Release(0, request.header.number, getattr(request.header, "origin", 0))
-        if self.is_taken(request) or at_once:
+        if self.is_lock_lost(request) or at_once:
             with self._lock:
                 self.session.request(header)
                 self.line.flush()
-            return not request.taken
+            return not request.why_lock_lost
         try:
             return bool(self.call(header, f"releasing {what}"))
         except CentralLost:
-            if not request.taken:
+            if not request.why_lock_lost:
                 raise
             return False
 
-    def is_taken(self, request: Request) -> bool:
+    def is_lock_lost(self, request: Request) -> bool:
         """Return whether the lock of a request was lost, as far as is known here. Never waits."""
         with self.locked():
             self.line.catch_up()
-            return bool(request.taken)
+            return bool(request.why_lock_lost)
 
     def post(self, header: headers.ToCentral, body: bytes) -> None:
         """Send a message that has no answer.
@@ -374,20 +374,20 @@ class Connection(Waits):
         """Call a user's function; log its errors, and those of the tasks that it has sent."""
         try:
             function()
-            self.settle(0, wait=True)
+            self.raise_send_errors(0, wait=True)
         except ORDINARY:
             self.log.exception("%s failed", name)
 
     def run_requested_calls(self) -> None:
         """Run the functions that other threads have passed to ``call_soon``."""
-        while self.session.news:
-            self.session.news.popleft()()
+        while self.session.pending_calls:
+            self.session.pending_calls.popleft()()
 
-    def give_back(self) -> None:
+    def return_prefetched(self) -> None:
         """Return the prefetched messages that have not begun to central."""
         with self._lock:
-            if self.session.ahead:
-                self.session.give_back()
+            if self.session.prefetched:
+                self.session.return_prefetched()
                 self.line.flush()
 
     # --- closing ----------------------------------------------------------------------------------
@@ -405,8 +405,8 @@ class Connection(Waits):
                 self._wait_for_arrival(linger, before)
                 # If something is still unconfirmed, central is away and callbacks would wait for
                 # it.
-                if self.is_mine and not self.has_unconfirmed:
-                    self.attend()
+                if self.is_own_thread and not self.has_unconfirmed:
+                    self.process_pending()
                     self._wait_for_arrival(linger, before)
             finally:
                 number = self.missing - before
@@ -419,7 +419,7 @@ class Connection(Waits):
                 raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
             session.sends.check(0)
 
-    def take_over(self, within: float) -> bool:
+    def acquire_for_closing(self, within: float) -> bool:
         """Take the connection from its own thread for good, so that this thread can close it at
         exit.
 
@@ -477,7 +477,7 @@ class Connection(Waits):
         self.direct.routes.confirm()
         while (is_waited_for and not session.is_confirmed) or self.direct.routes.unconfirmed:
             left = since + within - self.now()
-            session.tend(self.now(), since)
+            session.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
             if left <= 0 or (session.outgoing and not accepts_connections(self.transport.address)):
                 return

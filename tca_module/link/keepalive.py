@@ -19,7 +19,7 @@ from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
 # seconds between two checks of a connection that its own thread uses, or that gets no answer
-TEND_PERIOD = 0.5
+CHECK_PERIOD = 0.5
 # One connection probes a silent central; the others of the process wait this factor longer, so
 # that its answer spares their probes.
 _OTHERS = 1.2
@@ -90,14 +90,14 @@ class KeepAlive:
         result = link.keep_alive_if_idle(since, quiet)
         current.heard[address] = max(since, link.session.heard)
         if result is None:
-            self.files, self.due = (), current.now + TEND_PERIOD
+            self.files, self.due = (), current.now + CHECK_PERIOD
             return
         current.asked.add(address)
         silence, seconds = result
         is_silent = silence >= patience
         self.files = link.transport.files()
         self.due = current.now + (
-            seconds if link.session.is_welcome and not is_silent else TEND_PERIOD
+            seconds if link.session.is_welcome and not is_silent else CHECK_PERIOD
         )
         self._report(current, is_silent=is_silent)
 

@@ -36,7 +36,7 @@ class ThreadBound:
         raise MisuseError(f"{what}: send a task's id, and use connect().task(id) where it arrives")
 
     @property
-    def is_mine(self) -> bool:
+    def is_own_thread(self) -> bool:
         """Whether the calling thread owns this connection."""
         return threading.get_ident() == self._owner
 

@@ -97,7 +97,7 @@ class PacketLine:
         """
         while self.listen(0.0):
             pass
-        due = self.session.tend(self.clock(), since, quiet)
+        due = self.session.send_due(self.clock(), since, quiet)
         if not is_sending:
             self.flush(wait_seconds=0)
         return due
@@ -137,7 +137,7 @@ class PacketLine:
         If they did not, the connection counts as broken, unless the caller *is_patient*.
         """
         if self.session.outgoing:
-            outgoing = self.session.take_outgoing(self.time)
+            outgoing = self.session.pop_outgoing(self.time)
             for before, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):
                     self.session.outgoing = outgoing[before:]

@@ -23,7 +23,7 @@ class Stop(threading.Event):
         for wake in list(self._wakes):
             wake()
 
-    def note(self) -> None:
+    def set_from_signal(self) -> None:
         """Set this from a signal handler, which must take no lock.
 
         The thread that waits for this event wakes the others.

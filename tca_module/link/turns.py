@@ -34,9 +34,9 @@ class Turns:
         session, until = self._session, self._line.clock() + QUICK
         try:
             while True:
-                header, body = session.ahead.popleft()
-                session.held.begin(header.delivery, self._line.time())
-                if session.held.ended and not self._is_watched:
+                header, body = session.prefetched.popleft()
+                session.held_replies.begin(header.delivery, self._line.time())
+                if session.held_replies.ended and not self._is_watched:
                     self._is_watched = True
                     _watcher.add(self)
                 self._lock.release()
@@ -47,14 +47,14 @@ class Turns:
                 if self._line.clock() >= until or not may_continue():
                     break
         finally:
-            session.held.stop()
+            session.held_replies.stop()
         self._line.flush()
 
     def send_late_replies(self) -> bool:
         """Send the replies that wait, from another thread. Returns False if there were none."""
         # First, because a turn adds its reply before it tests this flag.
         self._is_watched = False
-        if self._session.held.ended:
+        if self._session.held_replies.ended:
             self._is_watched = True
             if self._lock.acquire(blocking=False):
                 try:

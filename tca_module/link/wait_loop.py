@@ -128,18 +128,18 @@ class WaitLoop:
         open_deliveries = self._session.open_deliveries
         handler = open_deliveries.waiting_handler()
         if why := open_deliveries.wake_reason(handler):
-            open_deliveries.mark_told(handler)
+            open_deliveries.mark_notified(handler)
             raise wake_error(handler, why, self._session.module, str(what))
 
     @property
     def has_pending_call(self) -> bool:
         """Whether ``run_pending_call`` has something to do."""
-        return bool(self._session.news or (self.callbacks and not self.is_calling_back))
+        return bool(self._session.pending_calls or (self.callbacks and not self.is_calling_back))
 
     def run_pending_call(self) -> None:
         """Make one pending call: the library's own first, else a callback (not inside another)."""
-        if self._session.news:
-            self._session.news.popleft()()
+        if self._session.pending_calls:
+            self._session.pending_calls.popleft()()
         elif self.callbacks and not self.is_calling_back:
             self.is_calling_back = True
             try:
@@ -179,9 +179,11 @@ class WaitLoop:
             if self.has_pending_call:
                 self.run_pending_call()
                 continue
-            if (session.deliveries or session.ahead) and self._handle_due(is_nested=idle is None):
+            if (session.deliveries or session.prefetched) and self._handle_due(
+                is_nested=idle is None
+            ):
                 continue
-            due = session.tend(now, since, quiet)
+            due = session.send_due(now, since, quiet)
             if session.outgoing and not self._flush_within(
                 max(0.0, min(deadline - now, alarm - line.time()))
             ):
@@ -214,7 +216,7 @@ class WaitLoop:
             return False
         delivery = self._direct.next_delivery() if session.deliveries else None
         if delivery is None and is_nested and self._may_begin_next() and not session.is_claiming:
-            delivery = session.ahead.popleft()
+            delivery = session.prefetched.popleft()
         if delivery is not None:
             handle(*delivery)
         return delivery is not None
@@ -236,7 +238,7 @@ class WaitLoop:
         Central may have given the prefetched messages to another slot in the meantime.
         """
         self._receive_all()
-        if self._session.ahead and (self._probe is None or self._probe.is_over):
+        if self._session.prefetched and (self._probe is None or self._probe.is_over):
             self._probe = self._session.probe()
 
     def _receive_all(self) -> None:

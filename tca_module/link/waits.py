@@ -32,7 +32,7 @@ _WHY_WITHIN = 0.2  # seconds that central has to say why an answer is missing
 
 
 @dataclass(slots=True)
-class ToldWait:
+class AnnouncedWait:
     """A wait that central is informed of, for changes or for the first of several answers.
 
     Used as a ``with`` block. Central knows all other waits by their requests; without *requests*,
@@ -145,7 +145,7 @@ class Waits(ThreadBound):
         what: object,
         is_over: Callable[[], bool] | None = None,
         since: float | None = None,
-        told: ToldWait | None = None,
+        told: AnnouncedWait | None = None,
     ) -> bool:
         """Wait until a request is over, or *is_over* is true; return whether that came in time.
 
@@ -163,7 +163,7 @@ class Waits(ThreadBound):
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
                 is_followed = timeout != 0 and isinstance(request.header, Observe)
-                with told or ToldWait(
+                with told or AnnouncedWait(
                     self, [request] * is_followed, timeout is not None and timeout < BRIEF
                 ) as wait:
                     condition = wait.until(is_done)
@@ -199,7 +199,7 @@ class Waits(ThreadBound):
             )
         self.announce(request, blocking=False)
         try:
-            with ToldWait(
+            with AnnouncedWait(
                 self, [request] * isinstance(request.header, Observe), brief=False, blocking=False
             ) as told:
                 condition = told.until(is_done)
@@ -247,9 +247,9 @@ class Waits(ThreadBound):
             request.answers += asked.answers  # for a multi-query, this may be a failure
             return asked.answers[-1][0].text if asked.answers else ""
 
-    def mark_told(self) -> None:
+    def mark_notified(self) -> None:
         """Record that the waiting handler is about to get an error, and so knows of a kill."""
-        self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
+        self.session.open_deliveries.mark_notified(self.session.open_deliveries.waiting_handler())
 
     # --- for anything else ------------------------------------------------------------------------
 
@@ -298,12 +298,12 @@ class Waits(ThreadBound):
         """
         with self.locked():
             self.line.catch_up()
-            with ToldWait(self, on, brief=True) as told:
+            with AnnouncedWait(self, on, brief=True) as told:
                 return self.waiting.wait_repeatedly(
                     told.until(is_over), what, math.inf if moment is None else moment
                 )
 
-    def hear_out(self, request: Request) -> None:
+    def wait_for_end(self, request: Request) -> None:
         """Wait for the end of a request that central has already sent, and make the calls due
         because of it.
 
@@ -312,7 +312,7 @@ class Waits(ThreadBound):
         with self.locked():
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: request.is_over, _REST_WITHIN)
-            self.attend()
+            self.process_pending()
 
     @property
     def silence(self) -> str:
@@ -326,7 +326,7 @@ class Waits(ThreadBound):
         with self.locked():
             self.line.catch_up()
 
-    def attend(self) -> None:
+    def process_pending(self) -> None:
         """Process arrived packets, and make the calls due because of them. Never waits."""
         with self.locked():
             self.line.catch_up()
@@ -368,7 +368,7 @@ class Waits(ThreadBound):
         May be called from any thread.
         """
         self.check_process()
-        self.session.news.append(function)
+        self.session.pending_calls.append(function)
         self.transport.wake()
 
     def wake(self) -> None:

@@ -181,7 +181,7 @@ class EventLoop:
         open_deliveries = self._connection.session.open_deliveries
         for delivery, task in list(self._handled.items()):
             if why := open_deliveries.wake_reason(delivery):
-                open_deliveries.mark_told(delivery)
+                open_deliveries.mark_notified(delivery)
                 task.cancel(why)
 
     def _end_wait(self) -> None:
@@ -227,7 +227,7 @@ class EventLoop:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
-        request.wakes = partial(self._wake_waiters, request)
+        request.wake = partial(self._wake_waiters, request)
         # Flush later, so that the requests of all ready coroutines leave together.
         if self._connection.session.outgoing and not self._is_flushing:
             self._is_flushing = True

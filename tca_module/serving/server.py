@@ -96,7 +96,7 @@ class Server(ABC, Generic[D, R]):
         raise NotImplementedError
 
 
-def taken_by(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
+def server_transitions(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
     """Return the clients' transitions for which a server has methods.
 
     Raises MisuseError if *server* is not a Server.
@@ -136,11 +136,11 @@ class ServerHandler(Handler):
         """Create the Task of a delivered message; the server answers its clients' requests."""
         task = super().task(connection, delivery)
         served = task._served()  # noqa: SLF001 - not for users
-        served.is_conversing = True
+        served.has_request_methods = True
 
         def answer_requests() -> None:
             while connection.session.open_deliveries.knows(served.delivery):
-                if (request := served.take_new()) is None:
+                if (request := served.pop_new_request()) is None:
                     return
                 with working_on(served.delivery):
                     self._decide(connection, delivery, served, request)

@@ -75,7 +75,7 @@ class LastingAttachments:
             parts = [known[part] for one in named for part in one.parts if part in known]
             self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
 
-    def of(self, header: Attach | Tap) -> LastingAttachment | None:
+    def find(self, header: Attach | Tap) -> LastingAttachment | None:
         """Return the attachment made by a request; None if it was to a task or has been removed."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None

@@ -181,7 +181,7 @@ class OpenDeliveries:
     def read_cancelled(self, delivery: int) -> bool:
         """Return ``is_cancelled`` to the handler, which then counts as woken."""
         if is_cancelled := self.is_cancelled(delivery):
-            self.mark_told(self._find(delivery))
+            self.mark_notified(self._find(delivery))
         return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
@@ -209,7 +209,7 @@ class OpenDeliveries:
             ENDS if self.is_ending() and not (handler is not None and handler.knows_of_end) else ""
         )
 
-    def mark_told(self, handler: OpenDelivery | None) -> None:
+    def mark_notified(self, handler: OpenDelivery | None) -> None:
         """Record that a handler knows of its kill and of the module's end, if there are such."""
         if handler is not None:
             handler.knows_of_kill = handler.is_killed

@@ -28,7 +28,7 @@ class OpenRequests:
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self.outgoing: list[Item] = []
         #: functions that the connection's thread must call soon
-        self.news: deque[Callable[[], None]] = deque()
+        self.pending_calls: deque[Callable[[], None]] = deque()
         #: lines for the log, such as central's errors that answer no request
         self.complaints: list[str] = []
         self._posted = 0  #: number of statements sent on this connection
@@ -113,4 +113,4 @@ class OpenRequests:
 
     def _notify_waiters(self, request: Request) -> None:
         """Notify the waiters of a request that there is news of it."""
-        self.news += [call for call in (request.notify, request.wakes) if call is not None]
+        self.pending_calls += [call for call in (request.notify, request.wake) if call is not None]

@@ -56,7 +56,7 @@ class Redeclaration:
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``tend`` may have something to do."""
+        """Whether ``send_due`` may have something to do."""
         return not self.is_over or bool(self._attachments.unwanted)
 
     @property
@@ -145,7 +145,7 @@ class Redeclaration:
             )
         self._on_over()
 
-    def tend(self, now: float) -> float:
+    def send_due(self, now: float) -> float:
         """Make the requests that are due; return when the next ones will be."""
         for attachment in self._attachments.pop_unwanted(self._epoch):
             self._ask(headers.Remove(0, attachment.number))

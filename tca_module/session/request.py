@@ -76,11 +76,11 @@ class Request:
         "repeated",
         "seen",
         "sender_name",
-        "taken",
-        "wakes",
+        "wake",
         "wants_answer",
         "was_sent",
         "what",
+        "why_lock_lost",
     )
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
@@ -100,7 +100,7 @@ class Request:
         self.lost = ""  #: how it was lost with central's memory
         #: the name of its object, if a restarted central has forgotten that
         self.forgotten_subject = ""
-        self.taken = ""  #: for a granted lock: how it was lost
+        self.why_lock_lost = ""  #: for a granted lock: how it was lost
         #: the direct path on which it was sent, with *number*
         self.path: DirectWay | None = None
         self.number = 0
@@ -112,7 +112,7 @@ class Request:
         #: called soon after each answer, and when it is over
         self.notify: Callable[[], None] | None = None
         #: the same for coroutines that await the request
-        self.wakes: Callable[[], None] | None = None
+        self.wake: Callable[[], None] | None = None
         #: called at once by the session when it is over
         self.on_over: Callable[[Request], None] | None = None
 

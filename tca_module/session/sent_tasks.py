@@ -17,7 +17,7 @@ class Acknowledging(Protocol):
     def session(self) -> _Session:
         """The connection's session, which knows the epoch of the present central."""
 
-    def acknowledged(self, request: Request) -> EpochNumber:
+    def wait_for_id(self, request: Request) -> EpochNumber:
         """Wait for the id of a sent task and return it; raise the error of the send."""
 
 
@@ -38,13 +38,13 @@ class SentId(EpochNumber):
         return self
 
     @property
-    def known(self) -> EpochNumber:
+    def assigned_id(self) -> EpochNumber:
         """The assigned id. Waits for it; raises the error of the send."""
         request = self.request
         return (
             request.accepted
             if request.accepted is not None
-            else self.connection.acknowledged(request)
+            else self.connection.wait_for_id(request)
         )
 
     @property
@@ -65,16 +65,16 @@ class SentId(EpochNumber):
             self.request.accepted.what if self.request.accepted is not None else self.request.what
         )
 
-    def be_nameable(self, connection: object) -> None:
+    def check_nameable(self, connection: object) -> None:
         """Ensure that headers on *connection* can name the task. Raises the error of the send.
 
         On another connection than the task's own, central knows it only by its assigned id.
         """
         if self.request.is_over or self.connection is not connection:
-            self.known  # noqa: B018
+            self.assigned_id  # noqa: B018
 
     def __int__(self) -> int:
-        return int(self.known)
+        return int(self.assigned_id)
 
     __index__ = __int__
 
@@ -84,35 +84,37 @@ class SentId(EpochNumber):
     def __eq__(self, other: object) -> bool:
         if isinstance(other, SentId):
             return self.request is other.request
-        return other != 0 and self.known == other  # 0 names no task, so there is no need to wait
+        return (
+            other != 0 and self.assigned_id == other
+        )  # 0 names no task, so there is no need to wait
 
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     def __hash__(self) -> int:
-        return hash(self.known)
+        return hash(self.assigned_id)
 
     def __lt__(self, other: int) -> bool:
-        return self.known < other
+        return self.assigned_id < other
 
     def __le__(self, other: int) -> bool:
-        return self.known <= other
+        return self.assigned_id <= other
 
     def __gt__(self, other: int) -> bool:
-        return self.known > other
+        return self.assigned_id > other
 
     def __ge__(self, other: int) -> bool:
-        return self.known >= other
+        return self.assigned_id >= other
 
     def __repr__(self) -> str:
-        return repr(self.known)
+        return repr(self.assigned_id)
 
     def __format__(self, spec: str) -> str:
-        return format(self.known, spec)
+        return format(self.assigned_id, spec)
 
     def __reduce_ex__(self, _: Any) -> Any:
-        known = self.known
-        return EpochNumber, (int(known), known.epoch, known.what)
+        assigned_id = self.assigned_id
+        return EpochNumber, (int(assigned_id), assigned_id.epoch, assigned_id.what)
 
 
 class TaskSends:

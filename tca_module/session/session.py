@@ -83,11 +83,11 @@ class Session(OpenRequests):
         self.asked_since = float("-inf")  #: when the first probe without an answer was sent
         self.heard = float("-inf")  #: when the last packet from central arrived
         #: replies in ``outgoing`` that leave together when their turn ends
-        self.held = HeldReplies()
+        self.held_replies = HeldReplies()
         #: deliveries to handle now, even within a wait
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()
         #: prefetched deliveries, to handle after all earlier ones
-        self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()
+        self.prefetched: deque[tuple[headers.Deliver, bytes]] = deque()
         #: headers about direct messages
         self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
         #: number of statements that never left; number on their way in a break
@@ -110,7 +110,7 @@ class Session(OpenRequests):
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
-        self.make_way(header)
+        self.return_before_claim(header)
         return self.ask(header, body, wants_answer=wants_answer)
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
@@ -157,10 +157,10 @@ class Session(OpenRequests):
             self.unconfirmed or self._replies or self.sends.unacknowledged
         )
 
-    def take_outgoing(self, clock: Callable[[], float]) -> list[Item]:
+    def pop_outgoing(self, clock: Callable[[], float]) -> list[Item]:
         """Remove and return the items to send."""
         outgoing, self.outgoing = self.outgoing, []
-        return self.held.joined(outgoing, clock()) if self.held.ended else outgoing
+        return self.held_replies.joined(outgoing, clock()) if self.held_replies.ended else outgoing
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
         """Send the outcome of a handler, unless central has forgotten the delivery.
@@ -178,7 +178,7 @@ class Session(OpenRequests):
         if not self.is_welcome:
             return False
         self.outgoing.append((header, body))
-        return self.held.hold(header, now)
+        return self.held_replies.hold(header, now)
 
     def _drop_old_replies(self, number: int) -> None:
         """Forget all but the newest replies; central has received the others."""
@@ -190,7 +190,7 @@ class Session(OpenRequests):
         """Whether a prefetched message may begin: no handler owes a reply, and the module does not
         end.
         """
-        is_free = bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
+        is_free = bool(self.prefetched) and len(self.open_deliveries) == len(self.prefetched)
         return is_free and not self.open_deliveries.is_ending()
 
     @property
@@ -200,29 +200,29 @@ class Session(OpenRequests):
             isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values()
         )
 
-    def make_way(self, header: headers.ToCentral) -> None:
+    def return_before_claim(self, header: headers.ToCentral) -> None:
         """Return the prefetched messages before a claim, which might wait for them.
 
         If no handler runs, but a callback, the next message stays: central has given it to this
         slot, or recalls it.
         """
-        if isinstance(header, headers.Lock) and self.ahead:
-            retained = [self.ahead.popleft()] if self.has_next else []
-            self.give_back()
-            self.ahead.extend(retained)
+        if isinstance(header, headers.Lock) and self.prefetched:
+            retained = [self.prefetched.popleft()] if self.has_next else []
+            self.return_prefetched()
+            self.prefetched.extend(retained)
 
-    def give_back(self, wanted: Collection[int] | None = None) -> None:
+    def return_prefetched(self, wanted: Collection[int] | None = None) -> None:
         """Return prefetched deliveries that have not begun to central: those in *wanted* (None:
         all).
         """
-        waiting = [header.delivery for header, _ in self.ahead]
+        waiting = [header.delivery for header, _ in self.prefetched]
         returned = [number for number in waiting if wanted is None or number in wanted]
-        self.ahead = deque(one for one in self.ahead if one[0].delivery not in returned)
+        self.prefetched = deque(one for one in self.prefetched if one[0].delivery not in returned)
         for delivery in returned:
             self.open_deliveries.remove(delivery)
         self.post(headers.Recalled(returned, is_answer=wanted is not None))
 
-    def declared(
+    def add_declared(
         self,
         messages: list[MessageFormat],
         handlers: list[HandlerFormat],
@@ -241,7 +241,7 @@ class Session(OpenRequests):
 
     # --- the connection ---------------------------------------------------------------------------
 
-    def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
+    def send_due(self, now: float, since: float, quiet: float = QUIET) -> float:
         """Send a probe or Hello if one is due; return when there is more to do if nothing arrives.
 
         After *quiet* seconds of silence, central is probed every second. Silence counts from
@@ -252,7 +252,7 @@ class Session(OpenRequests):
             self.forget_handlers()
             self.request(headers.Unregister(0, []))
         is_restless = self.is_welcome and self.redeclaration.is_restless
-        due = self.redeclaration.tend(now) if is_restless else float("inf")
+        due = self.redeclaration.send_due(now) if is_restless else float("inf")
         asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
         if self.heard < self._asked:
             asks_at = max(asks_at, self._asked + REPEAT)
@@ -277,10 +277,10 @@ class Session(OpenRequests):
         self.doubtful += self.unconfirmed - (self.dropped - dropped)
         self._arrived = self._posted
         self.outgoing.clear()
-        self.held.clear()
-        for header, _ in self.ahead:  # central delivers it again
+        self.held_replies.clear()
+        for header, _ in self.prefetched:  # central delivers it again
             self.open_deliveries.remove(header.delivery)
-        self.ahead.clear()
+        self.prefetched.clear()
         self._asked = float("-inf")
 
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:
@@ -382,13 +382,13 @@ class Session(OpenRequests):
             elif isinstance(request.header, Observe):
                 request.answers.clear()  # about tasks of the old tree
         for lock in self._locks.values():
-            lock.taken = "central was restarted and has forgotten it"
+            lock.why_lock_lost = "central was restarted and has forgotten it"
         self._locks.clear()
         self._replies.clear()
         self.open_deliveries.forget()
         self.sends.forget()
         self.deliveries.clear()
-        self.ahead.clear()
+        self.prefetched.clear()
 
     def _answered(self, number: int) -> Request | None:
         """Return the request that central answers. Everything sent before it has arrived."""
@@ -454,14 +454,14 @@ class Session(OpenRequests):
         for request in list(self.requests.values()):
             self._refuse(request)
         for lock in self._locks.values():
-            lock.taken = header.text
+            lock.why_lock_lost = header.text
         self._locks.clear()
 
     def _ask_again(self, request: Request) -> None:
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self.requests[request.header.number]
-            request.taken, request.repeated = "", False
+            request.why_lock_lost, request.repeated = "", False
             self._number(request)
             self._send(request)
         else:
@@ -490,13 +490,13 @@ class Session(OpenRequests):
         # Central counts *ahead* deliveries as unanswered, so it has all earlier replies.
         self._drop_old_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
-        (self.ahead if header.ahead else self.deliveries).append((header, body))
+        (self.prefetched if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
         # The answer that granted it may have been lost; then it is repeated after this.
         if lock is not None:
-            lock.taken = header.text
+            lock.why_lock_lost = header.text
 
     def _on_replace(self, header: headers.Replace, _: bytes) -> None:
         if self.replace_slot is not None:
@@ -529,10 +529,10 @@ class Session(OpenRequests):
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
-        Requested: lambda self, header, body: self.news.extend(
+        Requested: lambda self, header, body: self.pending_calls.extend(
             self.open_deliveries.request(header, body)
         ),
-        headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
+        headers.Recall: lambda self, header, _: self.return_prefetched(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,
         headers.Beat: lambda *_: None,

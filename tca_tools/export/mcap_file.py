@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.journal.at_time import TaskAt
-from tca_tools.journal.fates import went_on
+from tca_tools.journal.fates import run_continued
 from tca_tools.journal.lives import effect_of
 from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import BAD_NEWS, fact_row
@@ -160,7 +160,7 @@ def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicM
 
 def _has_coped(run: Run, fact: facts.Failed, time: float) -> bool:
     failed = run.delivered(fact.id)
-    return failed is not None and went_on(run, failed, time)
+    return failed is not None and run_continued(run, failed, time)
 
 
 def _data(body: bytes) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[TopicMessage]:
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": str(task.failure)}
         if task.failure:
-            content["handled"] = went_on(run, record, record.written("failure", time))
+            content["handled"] = run_continued(run, record, record.written("failure", time))
         yield TopicMessage(nanoseconds(time), "/tca/tasks", "", content)
 
 

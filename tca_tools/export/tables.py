@@ -13,7 +13,7 @@ from math import inf
 from typing import Any, BinaryIO
 
 from tca_tools.explain.waits import Wait, of_handler_wait, waits_of
-from tca_tools.journal.fates import all_failures, fate, has_coped, went_on
+from tca_tools.journal.fates import all_failures, fate, run_continued, run_continued_after
 from tca_tools.journal.records import HandlerWait, Handling, Queueing
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import MOMENTS, describe_moments
@@ -65,7 +65,7 @@ def _messages(run: Run) -> Iterator[TableRow]:
         runs = message.handlings
         is_handled = None
         if message.failure:
-            is_handled = went_on(run, message, message.written("failure"))
+            is_handled = run_continued(run, message, message.written("failure"))
         yield (
             message.id, message.name, str(message.message_class),
             message.sender, message.origin or None, str(message.role) or None,
@@ -88,7 +88,7 @@ def _failures(run: Run) -> Iterator[TableRow]:
             raised.by or None,
             _delivery(raised.asker),
             str(fate(run, raised.message, raised.time)),
-            went_on(run, raised.message, raised.time),
+            run_continued(run, raised.message, raised.time),
         )
 
 
@@ -140,7 +140,7 @@ def _handlings(run: Run) -> Iterator[TableRow]:
             handling.message_id or None, handling.delivery or None, handling.name,
             handling.module, handling.resource, handling.start, handling.end,
             handling.outcome and str(handling.outcome),
-            has_coped(run, handling) if handling.outcome is Outcome.FAILED else None,
+            run_continued_after(run, handling) if handling.outcome is Outcome.FAILED else None,
             handling.direct_from or None, handling.slot or None,
             handling.is_nested, handling.priority,
         )  # fmt: skip

@@ -7,12 +7,12 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.explain.waits import told_waits
+from tca_tools.explain.waits import waits_for_display
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.journal.coordinators import agent_task
-from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.fates import run_continued, run_continued_after
 from tca_tools.journal.records import (
     Claim,
     HandlerWait,
@@ -166,7 +166,7 @@ class _RowBuilder:
         task = self.run.tasks.get(one.message_id)
         if task and task.state is TaskState.RESOLVED and task.handlings[-1] is one:
             return Ending.RESOLVED
-        return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
+        return Ending.COPED if run_continued_after(self.run, one) else Ending.FAILED
 
     def _wait_bar(
         self, name_of_waiter: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING
@@ -206,7 +206,7 @@ class _RowBuilder:
             return []
         marks = []
         for failure in failures:
-            ending = Ending.COPED if went_on(run, task, failure.time) else Ending.FAILED
+            ending = Ending.COPED if run_continued(run, task, failure.time) else Ending.FAILED
             marks.append(Mark(failure.time, ending, titles.raised(run, task, failure)))
         changes = (change for change in task.life if change.effect is not Effect.RESULT)
         marks += [Mark(one.time, Ending.NONE, titles.changed(task, one)) for one in changes]
@@ -243,7 +243,7 @@ class _RowBuilder:
 
     def _held_bars(self, task: Task, start: float, end: float) -> list[Bar]:
         """Return a bar for each combination of causes, one after the other in a lane."""
-        waits = [wait for wait in told_waits(self.run, task) if start <= wait.start < end]
+        waits = [wait for wait in waits_for_display(self.run, task) if start <= wait.start < end]
         starts, ends = (
             (wait.start for wait in waits),
             (wait.end for wait in waits if wait.end < end),

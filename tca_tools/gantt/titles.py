@@ -3,7 +3,7 @@
 from tca_tools.explain.wait_words import told
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import failing, told_to
+from tca_tools.journal.fates import describe_asker, failing
 from tca_tools.journal.records import (
     Claim,
     Failure,
@@ -40,7 +40,7 @@ def handled(run: Run, handling: Handling) -> str:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
         title += _with_what(run, handling)
-        notice = told_to(run, failing(run, handling), handling.end or run.time)
+        notice = describe_asker(run, failing(run, handling), handling.end or run.time)
         title += f", {notice}" if notice else ""
     return title
 
@@ -66,7 +66,7 @@ def _words_or_data(failure: Failure, data: bytes) -> str:
 
 def raised(run: Run, task: Task, failure: Raised) -> str:
     """Return ``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
-    notice = told_to(run, task, failure.time)
+    notice = describe_asker(run, task, failure.time)
     text = _words_or_data(failure.failure, task.was("failure_data", failure.time))
     title = f"{task} failed at {run_time(failure.time)}: {text}{raised_by(failure.by)}"
     return title + (f", {notice}" if notice else "")

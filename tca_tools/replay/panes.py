@@ -18,7 +18,7 @@ from textual.widgets import Input, RichLog, Static
 
 from tca_tools.explain.story import story
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import coped_with
+from tca_tools.journal.fates import has_run_survived
 from tca_tools.journal.records import OVER
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz import words
@@ -188,7 +188,7 @@ class StoryPane(Vertical):
         for sentence in sentences[hidden:]:
             clock = self._recording.time(self._recording.place_of_record(sentence.time))
             style = "red" if sentence.is_bad else ""
-            if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
+            if style and has_run_survived(run, run.tasks[number], sentence.time, at.moment):
                 style = _HANDLED
             words_of = Text(printable_lines(sentence.by(at.moment, at.time)), style)
             table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), words_of)

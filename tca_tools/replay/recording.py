@@ -6,7 +6,7 @@ from math import inf
 from typing import NamedTuple
 
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import went_on
+from tca_tools.journal.fates import run_continued
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import BAD_NEWS
@@ -51,7 +51,7 @@ class Recording:
     def _has_coped(self, place: int, fact: Failed, known: float = inf) -> bool:
         failed = self.run.delivered(fact.id)
         time = self.run.times[place]
-        return failed is not None and went_on(self.run, failed, time, known)
+        return failed is not None and run_continued(self.run, failed, time, known)
 
     def is_bad_news(self, place: int, fact: Fact, now: int) -> bool | None:
         """Whether a fact is bad news; None for a failure after which the run has continued.

@@ -18,7 +18,7 @@ from tca_tools.analysis.critical_path import (
 from tca_tools.analysis.failures import FailureKind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
-from tca_tools.analysis.step_words import why_then
+from tca_tools.analysis.step_words import why_not_sooner
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.explain.story import Sentence, story
@@ -103,7 +103,7 @@ def _shown(run: Run, path: CriticalPath) -> ShownPath:
     steps = []
     for step in in_order:
         before = "before " if step.doing is Doing.OUTSIDE else ""
-        steps.append((step, before + run.describe(step.message_id), why_then(run, step)))
+        steps.append((step, before + run.describe(step.message_id), why_not_sooner(run, step)))
     main = [share for share in shares(run, path) if share.share >= _LEAST_SHARE_OF_PATH]
     left_out = path.seconds - sum(step.seconds for step in in_order)
     return ShownPath(path, main, steps, len(path.steps) - len(in_order), max(left_out, 0.0))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 
-from tca_central.events import ConnectionId, TellAll
+from tca_central.events import ConfirmTasks, ConnectionId
 from tca_central.model.deliveries import CONFIRMED_TOGETHER, REMEMBERED_TASKS
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, AwaitPoint, Refused, TasksMade
@@ -84,16 +84,16 @@ def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat()
     assert told == [
         TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])
     ]
-    (effect,) = player.central.handle(TellAll(player.time))
+    (effect,) = player.central.handle(ConfirmTasks(player.time))
     assert effect.header == TasksMade([(requests[-1], TaskId(CONFIRMED_TOGETHER + 1))])  # type: ignore[union-attr]
-    assert player.central.handle(TellAll(player.time)) == []
+    assert player.central.handle(ConfirmTasks(player.time)) == []
 
 
 def test_a_connection_that_is_gone_is_told_nothing() -> None:
     player = robot()
     sent_quietly(player, "user", "walk")
     player.lose("user")
-    assert player.central.handle(TellAll(player.time)) == []
+    assert player.central.handle(ConfirmTasks(player.time)) == []
 
 
 NAMING: dict[str, Any] = {

@@ -331,7 +331,7 @@ def test_the_tables_name_what_there_is() -> None:
     module = Module("legs", "legs", "run", "")
     things = [
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
-        central.dispatcher.messages_ahead, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        central.dispatcher.prefetcher, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Tapping(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),

@@ -42,7 +42,7 @@ class Quick:
         return 2 * number
 
     def look(self, task: Task) -> None:
-        self.most = max(self.most, len(task._connection().session.ahead))
+        self.most = max(self.most, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
         """With its own resource locked nothing that is ahead is begun within the wait."""
@@ -213,7 +213,7 @@ def test_a_callback_that_waits_lets_what_is_next_be_handled(
 
     @quick.module.every(0.000001, resource="ear")
     def ask(callback: Callback) -> None:
-        if callback._connection().session.ahead:
+        if callback._connection().session.prefetched:
             callback.cancel()
             answers.put(callback.query(ASK_BACK, timeout=SOON))
 

@@ -315,7 +315,8 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(
         ):
             user.command(REST).wait()
         with pytest.raises(
-            CentralLost, match="setting variable 'pose' may still be carried out, if central received it"
+            CentralLost,
+            match="setting variable 'pose' may still be carried out, if central received it",
         ):
             user.set_variable(POSE, 2)
         daemon.signal(signal.SIGCONT)

@@ -411,9 +411,7 @@ def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
         pending = user.query_send(HEIGHT, -1.0)
         assert gate.begun.wait(SOON)
         with RealCentral(address, "another run") as central:
-            with pytest.raises(
-                CentralLost, match="central was restarted and has forgotten it"
-            ):
+            with pytest.raises(CentralLost, match="central was restarted and has forgotten it"):
                 pending.receive(SOON)
             gate.go_on.set()
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))

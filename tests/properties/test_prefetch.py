@@ -51,7 +51,7 @@ class ToldLate:
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         assert slot.resource is not None
         self.tapped += bool(delivery.message.taps)
-        self.most = max(self.most, len(slot.resource.ahead))
+        self.most = max(self.most, len(slot.resource.prefetched))
 
     def recall(self, slot: Connection) -> None:
         self.recalls += 1
@@ -68,7 +68,7 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher.messages_ahead._out = ToldLate(self.central)
+        self.out = dispatcher._out = dispatcher.prefetcher._out = ToldLate(self.central)
         self.joined = 0
 
     def _judged(self, event: Any) -> list[Effect]:
@@ -90,12 +90,14 @@ class PrefetchPlayer(JudgedPlayer):
         """The slot has handled some of what it has ahead, too, and says all at once."""
         slot = self.central.registry.connections[event.connection]
         others = (
-            list(slot.resource.ahead)[: round(event.time) % 3] if slot.resource is not None else []
+            list(slot.resource.prefetched)[: round(event.time) % 3]
+            if slot.resource is not None
+            else []
         )
         if not others or slot.resource.is_recalling or len(slot.handling) > 1:  # type: ignore[union-attr]
             return event
         self.joined += len(others)
-        numbers = [header.delivery, *(one.given_as for one in others)]
+        numbers = [header.delivery, *(one.handling_id for one in others)]
         runs = [
             EndedRun(one, 0.1 * ago, 0.1, len(event.body))
             for ago, one in enumerate(reversed(numbers))
@@ -109,7 +111,7 @@ class PrefetchPlayer(JudgedPlayer):
         """Whether what a slot has ahead would come too late if it gave that back later: when it
         claims something itself, and when handlers come or go.
         """
-        if slot.resource is None or not slot.resource.ahead or isinstance(event, Tick):
+        if slot.resource is None or not slot.resource.prefetched or isinstance(event, Tick):
             return False
         is_own = isinstance(event, RequestReceived) and event.connection == slot.id
         if isinstance(event, RequestReceived) and not isinstance(event.header, HANDLERS_CHANGE):
@@ -117,7 +119,11 @@ class PrefetchPlayer(JudgedPlayer):
         return True
 
     def _give_back(self, slot: Connection, time: float) -> list[Effect]:
-        unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
+        unbegun = (
+            [one.handling_id for one in slot.resource.prefetched]
+            if slot.resource is not None
+            else []
+        )
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
         self.central._receive(event, effects)  # timers that are due have an event of their own

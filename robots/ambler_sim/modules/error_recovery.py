@@ -105,7 +105,7 @@ def plan_otherwise(task: Task) -> None:
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
         for moved in before.children(ACHIEVED_POSITION):
-            if not moved.wait().lets_go_on:
+            if not moved.wait().lets_successors_continue:
                 task.trouble.resolved()  # its own recovery has begun, and will plan all that follows anew
                 return
     task.command(ACQUIRE_IMAGE, step_task.data(TAKE_STEPS).number).wait()

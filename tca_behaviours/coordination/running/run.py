@@ -25,7 +25,7 @@ from tca_behaviours.coordination.running.messages import (
 )
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen
-from tca_wire.text.early_work import came_late, why_not_early, why_stopped
+from tca_wire.text.early_work import late_objections, why_not_early, why_stopped
 
 
 class CoordinationRun:
@@ -250,7 +250,7 @@ class CoordinationRun:
         ):
             self._task.report(report)
             self._last_report = report
-        for objection in came_late(last_report, report) if last_report is not None else ():
+        for objection in late_objections(last_report, report) if last_report is not None else ():
             why = why_not_early(self._machine.chart, objection)
             if why.remedy:
                 self._mistakes.report(*why)

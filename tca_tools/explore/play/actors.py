@@ -222,7 +222,9 @@ class ModuleLine:
     def is_idle(self) -> bool:
         """Whether the connection may close. With a prefetch, messages not started do not count."""
         return not (
-            self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended
+            self.actors
+            if self.inbox is None
+            else self.stack or self.inbox.session.held_replies.ended
         )
 
     @property

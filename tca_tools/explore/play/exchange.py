@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
 from tca_module.errors import NIL
-from tca_tools.check.events import take_event
+from tca_tools.check.events import check_event
 from tca_tools.check.handling import check_locks
 from tca_tools.check.world import JournalWorld
 from tca_tools.explore.errors import CentralFault, ScenarioError
@@ -44,10 +44,10 @@ class Exchange:
     def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
         # Central does not search for deadlocks here: ``never_stuck()`` finds them.
-        self.central.look_after = 0
+        self.central.search_delay = 0
         self.central.tree.newest = MessageId(0)
         # Every handler counts as quick, because their durations are no part of the state.
-        self.central.dispatcher.messages_ahead.trusts_all = True
+        self.central.dispatcher.prefetcher.trusts_all = True
         self.world = JournalWorld([], is_whole=True)
         self.observer: Observer | None = None
         #: The request that central accepted with the last action.
@@ -117,8 +117,8 @@ class Exchange:
 
     def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """Return the prefetched messages of a slot that leaves."""
-        if inbox.session.ahead:
-            inbox.session.give_back()
+        if inbox.session.prefetched:
+            inbox.session.return_prefetched()
             self.flush(line.name, inbox)
 
     def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:
@@ -150,7 +150,7 @@ class Exchange:
     def _record(self, entry: Entry) -> None:
         self.facts += entry.facts
         with numbers_shown():
-            take_event(self.world, entry)
+            check_event(self.world, entry)
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -424,9 +424,11 @@ def deliveries_given_to(central: Central, line: str) -> list[int]:
     """Return the deliveries that central has sent to a slot and that are not over."""
     slot = central.registry.connections[connection_of(line)]
     ahead = (
-        slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+        slot.resource.prefetched
+        if slot.resource is not None and slot.resource.prefetching_slot is slot
+        else ()
     )
-    return [delivery.given_as for delivery in (*slot.handling, *ahead)]
+    return [delivery.handling_id for delivery in (*slot.handling, *ahead)]
 
 
 def _is_refusal(effect: Effect) -> bool:

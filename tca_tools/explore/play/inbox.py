@@ -43,33 +43,33 @@ class SlotInbox:
 
     def start_next(self) -> Item:
         """Start the next prefetched message."""
-        header, body = self.session.ahead.popleft()
+        header, body = self.session.prefetched.popleft()
         self.last_started = header.delivery
-        self.session.held.begin(header.delivery, 0.0)
+        self.session.held_replies.begin(header.delivery, 0.0)
         return header, body
 
     def send(self, header: headers.ToCentral, body: bytes) -> bool:
         """Queue a header of a script for ``outgoing``; return whether the session holds it."""
         if isinstance(header, headers.Reply | headers.Fail):
             return self.session.reply(header, body) and self.session.has_next
-        self.session.make_way(header)
+        self.session.return_before_claim(header)
         self.session.outgoing.append((header, body))
         return False
 
     def outgoing(self) -> list[Item]:
         """Remove and return the items to send to central now."""
-        return self.session.take_outgoing(float)
+        return self.session.pop_outgoing(float)
 
     @property
     def state(self) -> list[Any]:
         """The part of the inbox that influences what happens next."""
-        ahead = [header.delivery for header, _ in self.session.ahead]
+        ahead = [header.delivery for header, _ in self.session.prefetched]
         return [self.last_started, ahead, [*self.session.outgoing], *self.in_transit]
 
     @property
     def deliveries(self) -> list[int]:
         """The deliveries that are in transit or prefetched, or whose reply is held."""
-        packets = (*self.session.outgoing, *self.session.ahead, *self.in_transit)
+        packets = (*self.session.outgoing, *self.session.prefetched, *self.in_transit)
         return [
             header.delivery
             for header, _ in packets

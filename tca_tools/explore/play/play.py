@@ -114,7 +114,7 @@ class Play(Exchange):
         for line, inbox in (
             (line, line.inbox) for line in self.lines.values() if line.inbox is not None
         ):
-            if inbox.session.held.ended:
+            if inbox.session.held_replies.ended:
                 yield Action(ActionKind.REPLY, line.name)
             elif inbox.in_transit:
                 yield Action(ActionKind.RECEIVE, line.name)

@@ -79,7 +79,7 @@ def _receive(play: Play, action: Action) -> str:
 
 
 def _begin(play: Play, action: Action) -> str:
-    header, _ = play.inbox(action).session.ahead[0]
+    header, _ = play.inbox(action).session.prefetched[0]
     return f"{action.name} starts {_name(play, header.delivery)}, which was prefetched"
 
 

@@ -141,7 +141,7 @@ class Task(_Choices, ModuleTask):
         served = self._served()
         if not served.has_new:
             self._explored.wait_for_client(timeout, f"a request to {self}")
-        return served.take_new()
+        return served.pop_new_request()
 
 
 class Program:

@@ -43,7 +43,7 @@ _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
     Observe: "observing",
     "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
-    "is_taken": "held",
+    "is_lock_lost": "held",
     "until_over": "await",
     "wait_until": "sleep() and wait_until()",
     "callbacks": "query_notify()",
@@ -73,7 +73,7 @@ class ScriptRequest:
         self.place = place
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.accepted: int | None = None
-        self.taken = ""
+        self.why_lock_lost = ""
         self.is_over = False
         self.epoch = ""  #: central never restarts here
         self._link = link
@@ -135,13 +135,13 @@ class ScriptConnection:
         on_caught: Callable[[ScenarioError | None], NoReturn] | None = None,
     ) -> None:
         # Central never restarts here, so no attachments are stored to be repeated.
-        attachments = SimpleNamespace(of=lambda _: None)
+        attachments = SimpleNamespace(find=lambda _: None)
         self.transport = SimpleNamespace(time=self.now, waker=lambda: None)
         self.delivery = ScriptDelivery(self)
         self.session = SimpleNamespace(
             epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
         )
-        self.is_mine = True  #: a script has one thread
+        self.is_own_thread = True  #: a script has one thread
         self._all_declared: dict[str, Message[Any, Any]] = {}
         self.silence = ""  #: central is never silent here
         self.is_inherited = False  #: no script forks
@@ -150,7 +150,9 @@ class ScriptConnection:
         #: A weak reference to the LaterReply that the handler returned.
         self.returned_reply: Callable[[], object] = lambda: None
         self._callbacks: deque[Callable[[], None]] = deque()
-        self.call_soon = self._callbacks.append  #: adds a function that ``hear_threads`` calls
+        self.call_soon = (
+            self._callbacks.append
+        )  #: adds a function that ``run_requested_calls`` calls
         self._owed: Any = None  #: the owed reply, once it is sent
         #: The step or decision at which the run ended, or is about to end.
         self.stopped: StepReached | DecisionReached | None = None
@@ -181,7 +183,7 @@ class ScriptConnection:
 
     def do(self, step: steps.Step) -> steps.StepResult:
         """Take a step; return its result, or end this run if it has no result yet."""
-        self.hear_threads()
+        self.run_requested_calls()
         if self._position < len(self._history):
             return self._recorded(step.kind)
         if self.stopped is None:
@@ -273,7 +275,7 @@ class ScriptConnection:
     def check_process(self) -> None:
         """No script forks."""
 
-    def hear_threads(self) -> None:
+    def run_requested_calls(self) -> None:
         """Call the functions added with ``call_soon``; each step does so first."""
         while self._callbacks:
             self._callbacks.popleft()()
@@ -291,7 +293,7 @@ class ScriptConnection:
         elsewhere, or by a cycle of references, which CPython may collect at any time. Both are
         refused.
         """
-        self.hear_threads()
+        self.run_requested_calls()
         if self._owed is None and self.kept is None and self.returned_reply() is not None:
             self.refuse("a LaterReply that is kept without keep_reply()")
         if self._owed is None:
@@ -321,7 +323,7 @@ class ScriptConnection:
         self._sends.add(request)
         return TaskId(SentId(self, request))
 
-    def acknowledged(self, request: Request) -> NoReturn:
+    def wait_for_id(self, request: Request) -> NoReturn:
         """Raise the refusal of a sent task."""
         self._sends.discard(request)
         request.check(request.what)
@@ -379,7 +381,7 @@ class ScriptConnection:
                 request.answers.append((got.answer, got.body))
         return True
 
-    answered = Connection.answered
+    ask_central = Connection.ask_central
 
     def _raise_woken(
         self, got: steps.StepResult, what: str, request: ScriptRequest | None = None
@@ -389,10 +391,10 @@ class ScriptConnection:
             if got.answer is None and got.refusal is None:
                 self.abandon(request)
             request.is_over = True
-        why = f"{what} is not waited for any more"
+        why = f"{what} is given up"
         raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 
-    def mark_told(self) -> None:
+    def mark_notified(self) -> None:
         """Tell the play that the script learns of its kill by an error."""
         self.do(steps.NoticeKill())
 
@@ -413,8 +415,8 @@ class ScriptConnection:
     def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
         """Release the lock that a request has; return whether it was held until now."""
         del what, at_once
-        request.taken = self.do(steps.Abandon(request.place)).text
-        return not request.taken
+        request.why_lock_lost = self.do(steps.Abandon(request.place)).text
+        return not request.why_lock_lost
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the script must end, because of a kill or its module; once true, it stays so."""
@@ -433,7 +435,7 @@ class ScriptConnection:
         self.raise_refusals()
         for number in numbers_in(header):
             if isinstance(number, SentId):
-                number.be_nameable(self)
+                number.check_nameable(self)
 
     def now(self) -> float:
         """Return 0: time does not pass for a script."""

@@ -33,10 +33,10 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
-        "untold",  # scripts receive everything at once
+        "unconfirmed",  # scripts receive everything at once
         "_outputs", "_output_queues",  # visited where they are filled
         # no search for deadlocks: see Exchange
-        "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",
+        "suspects", "blocked", "search_delay", "search_timer", "scan", "may_have_closed",
         "memory",  # only outcomes of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # visited where they are attached
         "budget", "answers",  # no exploration reaches these limits
@@ -62,10 +62,10 @@ IGNORED = {
     },
     "Connection": {
         "id", "session", "number", "last_number", "orphans", "late",  # addresses
-        "hung_after", "doubts", "was_replaced",  # no handler hangs
+        "hung_after", "hang_timers", "was_replaced",  # no handler hangs
         "answers", "answer_bytes",  # scripts repeat no request
-        "tasks", "untold",  # scripts name nothing by its request
-        "handling", "waits", "pauses", "lost_claims",  # visited as deliveries and requests
+        "tasks", "unconfirmed",  # scripts name nothing by its request
+        "handling", "waits", "brief_waits", "lost_claims",  # visited as deliveries and requests
         "begins", "known_until",  # for users to read: the start and end of runs
     },
     "MessageType": {
@@ -97,7 +97,7 @@ IGNORED = {
         "_clock", "_facts", "_out", "bytes", "handlers",
         "_arrivals",  # see add_rank
     },
-    "MessagesAhead": {"_clock", "_out"},
+    "Prefetcher": {"_clock", "_out"},
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
 

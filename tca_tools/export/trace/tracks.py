@@ -23,7 +23,7 @@ from tca_tools.export.trace.events import (
     in_lanes,
     in_order,
 )
-from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.fates import run_continued, run_continued_after
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment, describe_moments
@@ -194,7 +194,7 @@ def _failure(run: Run, handling: Handling) -> Details:
     failure = (
         message.was("failure", end) if message and message.written("failure", end) == end else None
     )
-    return {"failure": failure, "handled": has_coped(run, handling)}
+    return {"failure": failure, "handled": run_continued_after(run, handling)}
 
 
 def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> Waits:
@@ -319,7 +319,12 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
     """Return the events of a task: failures, kills, and changes of its state."""
     trace = track.trace
     moments: list[tuple[float, str, str, Details]] = [
-        (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
+        (
+            time,
+            "failed",
+            "failure",
+            {"failure": text, "handled": run_continued(trace.run, task, time)},
+        )
         for time, text in task.failures
     ]
     moments += [
