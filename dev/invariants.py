@@ -14,7 +14,7 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
-from tca_central.model.tasks import Keeping, Plans, Task, Watch
+from tca_central.model.tasks import Plans, Retention, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
@@ -165,9 +165,9 @@ def _check_place(central: State, task: Task) -> None:
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
-    assert (task.recovery.guests if task.recovery else 0) == sum(
-        child.is_guest for child in children
-    ), f"{task}: guests"
+    assert (task.recovery.foreign_monitors if task.recovery else 0) == sum(
+        child.is_foreign_monitor for child in children
+    ), f"{task}: foreign_monitors"
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
     assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
 
@@ -214,7 +214,7 @@ def _check_delivery(central: State, task: Task) -> None:
     """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
-    is_attended = task.given_as in central.dispatcher.running
+    is_attended = task.handling_id in central.dispatcher.running
     assert is_attended == task.is_running, f"{task}: attended or not?"
     assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
     is_elsewhere = task.returned or task.queues is not None
@@ -272,7 +272,7 @@ def _check_claims_of_tasks(central: State) -> None:
     """Claims end with what they were made for."""
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
-        is_there = holder.given_as in central.dispatcher.running or _is_alive(central, holder)
+        is_there = holder.handling_id in central.dispatcher.running or _is_alive(central, holder)
         assert is_there, (
             f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
         )
@@ -329,15 +329,17 @@ def _check_ahead(resource: ModuleResource, name: str) -> None:
     A message that has left a queue is not compared: a slot may give it back, and keep later ones
     that it has begun.
     """
-    line = [one for one in resource.in_line() if one in resource.ahead or not one.ticket]
+    line = [one for one in resource.in_line() if one in resource.prefetched or not one.ticket]
     assert (
         line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling
     ), f"{name}: order"
-    for delivery in resource.ahead:
+    for delivery in resource.prefetched:
         assert not delivery.is_task, f"{name}: {delivery} is ahead"
         assert delivery.queues == (resource,), f"{name}: {delivery} is ahead, and waits elsewhere"
-        assert resource.ahead_at in resource.slots, f"{name}: {delivery} is ahead nowhere"
-        is_free = resource.ahead_at is not None and resource.is_free(resource.ahead_at)
+        assert resource.prefetching_slot in resource.slots, f"{name}: {delivery} is ahead nowhere"
+        is_free = resource.prefetching_slot is not None and resource.is_free(
+            resource.prefetching_slot
+        )
         assert resource.is_recalling or not is_free, f"{name}: {delivery} is ahead of nothing"
 
 
@@ -345,7 +347,7 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
     """While a resource is locked nobody is in it but who locked it; while it is reserved, only what
     its owner sent.
     """
-    assert resource.is_locked or not resource.called_back, (
+    assert resource.is_locked or not resource.locked_out_questions, (
         f"{name}: is not locked, but slots of it wait for themselves"
     )
     for claim in resource.claims:
@@ -424,7 +426,7 @@ def _check_limits(resource: ModuleResource, name: str) -> None:
     that do.
     """
     for message, limit in resource.limits.items():
-        queued = (delivery for delivery in resource.queued() if delivery not in resource.ahead)
+        queued = (delivery for delivery in resource.queued() if delivery not in resource.prefetched)
         waiting = {delivery for delivery in queued if delivery.message.name == message}
         assert limit.waiting.keys() == waiting, (
             f"{name}: counts {len(limit.waiting)} of '{message}'"
@@ -460,7 +462,7 @@ def _check_kept(central: State) -> None:
         assert record.keeping.by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
     promises = [(module, number) for module in modules for number in module.keeps]
     for module, number in promises:
-        assert module in Keeping.of(kept.get(number) or tree.tasks[number]).by, (
+        assert module in Retention.of(kept.get(number) or tree.tasks[number]).by, (
             f"'{module.name}' keeps {number}, which does not know it"
         )
     assert central.memory.promises == len(promises), (
@@ -495,7 +497,7 @@ def _check_routes(central: State) -> None:
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
         told = {one for one in connections if message in one.routes}
-        assert message.senders_told.keys() == told, (
+        assert message.informed_senders.keys() == told, (
             f"'{message.name}': its senders do not know its route, or are gone"
         )
     for slot in connections:
@@ -542,8 +544,8 @@ def _check_budget(central: State) -> None:
 
 
 def _task_size(task: Task) -> int:
-    farewells = task.plans.farewells if task.plans is not None else ()
-    planned = sum(DELIVERY_BYTES + len(body) for _, body in farewells)
+    termination_messages = task.plans.termination_messages if task.plans is not None else ()
+    planned = sum(DELIVERY_BYTES + len(body) for _, body in termination_messages)
     if task.clients is not None:
         planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(
             task.clients.progress

@@ -1,3 +1,1 @@
-"""Programming models on top of the library: missions, state machines of tasks, preview
-coordination, activities.
-"""
+"""Programming models on top of the library: missions, state machines, coordination, activities."""

@@ -1,16 +1,14 @@
-"""Central's core: the one function by which its state changes. Knows no socket, file, clock or
-thread.
+"""Central's core: the one function that changes its state. Knows no socket, file, clock or thread.
 
-Theory of operation. ``handle`` takes one event, lets the row of HANDLERS for it record what
-happened, then settles:
-points are reached, startable tasks are given to resources, ended tasks are reported, until nothing
-moves. It returns what the world must do: first the journal entry with every fact and its cause,
-then the messages to send. Each timer that is due by then comes before the event, as an entry of its
-own. The same events always give the same effects.
+Theory of operation. ``handle`` accepts one event. Its row of HANDLERS records what happened. Then
+the core works until nothing changes: points are reached, startable tasks are given to resources,
+ended tasks are reported. It returns what the shell must do: first the journal entry, with every
+fact and its cause, then the messages to send. A timer that is due by then comes before the event,
+with an entry of its own. The same events always give the same effects.
 
-The rules live apart and do not know each other: registry (who and what), task_tree (structure),
-agenda (points and constraints), resources and dispatcher (capacity and order); state.py puts them
-together, the files in requests/ say what each message means to them, and this file decides when.
+The rules do not know each other. The registry has modules and messages, task_tree the structure,
+agenda the points and constraints, resources and dispatcher the capacity and order. state.py
+combines them. The files in requests/ say what each message does to them. This file decides when.
 """
 
 from collections import deque
@@ -27,19 +25,19 @@ from tca_central.control import keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
+    AdminEvent,
     BadBytes,
+    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
     DiskSpace,
     Effect,
     Event,
     LimitsSet,
-    OfAll,
     PermissionsChanged,
     Record,
     RequestReceived,
     Restarted,
-    TellAll,
     Tick,
     Transmit,
 )
@@ -78,9 +76,7 @@ _LONGEST_BODY = int(Limit.BODY)
 
 
 class Central(State):
-    """The whole state. ``handle`` is the only way to change it; everything else that is public only
-    reads.
-    """
+    """The whole state. ``handle`` is the only way to change it; other public members only read."""
 
     __slots__ = ("_output_queues", "_outputs")
 
@@ -89,62 +85,72 @@ class Central(State):
         self.connect_outputs()
 
     def connect_outputs(self) -> None:
-        """Say where the agenda's results go: that is no state, and made anew for one that comes
-        from an image.
+        """Connect the agenda's queues with their handlers.
+
+        The connections are not part of the state: they are rebuilt after an image is read.
         """
         agenda = self.agenda
-        # The agenda's items and their handlers, in this order: all of one kind before the next.
+        # The order matters: all items of one queue are handled before those of the next.
         self._outputs: tuple[tuple[Sized, Callable[[], None]], ...] = (
             _output(agenda.taps_to_fire, self._fire_before),
             _output(agenda.tap_events, lambda event: taps.fire_after(self, *event)),
-            _output(agenda.resumed, partial(monitors.go_on, self)),
-            _output(agenda.only_watched, partial(monitors.end_watchers, self)),
+            _output(agenda.resumed_monitors, partial(monitors.proceed, self)),
+            _output(agenda.left_with_watchers, partial(monitors.end_watchers, self)),
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
-            _output(agenda.unanswered, partial(changes.decide_instead, self)),
+            _output(agenda.unanswered, partial(changes.apply_defaults, self)),
             _output(agenda.ended_waits, self._on_reached),
-            _output(self.dispatcher.granted, partial(claims.tell_granted, self)),
-            _output(self.dispatcher.crowded, partial(busy.on_crowded, self)),
+            _output(self.dispatcher.granted, partial(claims.on_granted, self)),
+            _output(
+                self.dispatcher.waiting_for_custom_handler, partial(busy.on_handler_busy, self)
+            ),
             _output(
                 self.dispatcher.displaced,
-                lambda displaced: replying.tell_displaced(self, *displaced),
+                lambda displaced: replying.report_displaced(self, *displaced),
             ),
-            _output(self.dispatcher.stranded, partial(failures.pass_over, self)),
+            _output(self.dispatcher.stranded, partial(failures.skip_exception_handler, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
     def handle(self, event: Event) -> list[Effect]:
-        """Let *event* happen; what must be done about it, in that order. Any exception is a bug in
-        central.
+        """Handle one event and return its effects, in the order in which they must happen.
+
+        Args:
+            event: What has happened. Its time must not be before that of the last event.
+
+        Returns:
+            A ``Record`` for each journal entry, then the ``Transmit`` of each message.
+
+        Any exception that leaves this function is a bug in central.
         """
         clock = self.clock
         effects: list[Effect] = []
         if event.time > clock.now:  # noqa: PLR1730 - max() costs as much as four calls
             clock.now = event.time
         while (timer := clock.pop_due()) is not None:
-            self._let_fire(timer, event.time, effects)
+            self._fire_timer(timer, event.time, effects)
         if isinstance(event, RequestReceived):
             self._receive(event, effects)
         elif isinstance(event, BadBytes | ConnectionLost):
-            self._on_line(event, effects)
+            self._on_connection_event(event, effects)
         elif not isinstance(event, Tick):
-            self._on_keeper(event, effects)
+            self._on_admin_event(event, effects)
         return effects
 
     # --- an event ---------------------------------------------------------------------------------
 
-    def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
+    def _fire_timer(self, timer: Timer, time: float, effects: list[Effect]) -> None:
+        """Handle a timer that is due."""
         self.events += 1
         due, subject = timer.due, timer.subject
-        about = cast(
-            "Delivery | ModuleClaim | None", getattr(subject, "task", subject)
-        )  # the task or the claim
+        # The entry names the task or the claim.
+        about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))
         TIMERS[due](self, cast("Never", subject))
-        self._settle()
+        self._process_all()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
 
-    def _on_line(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
-        """Something happened to a connection."""
+    def _on_connection_event(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
+        """Handle the loss of a connection, or bytes from it that cannot be read."""
         self.events += 1
         cause: causes.Cause
         connection = self.registry.connections.get(event.connection)
@@ -156,15 +162,15 @@ class Central(State):
             joining.disconnect(self, connection, event.why, lost=True)
         else:
             return
-        self._settle()
+        self._process_all()
         self._report(effects, event.time, cause)
 
-    def _on_keeper(self, event: OfAll, effects: list[Effect]) -> None:
-        """Whoever runs central has done something, or central itself does something for all."""
+    def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
+        """Handle an event of the operator, or one that central itself raises for all modules."""
         self.events += 1
-        if isinstance(event, TellAll):
-            for untold in list(self.untold):
-                self.tell_tasks(untold)
+        if isinstance(event, ConfirmTasks):
+            for connection in list(self.unconfirmed):
+                self.confirm_tasks(connection)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
         elif isinstance(event, LimitsSet):
@@ -176,12 +182,12 @@ class Central(State):
             self.facts.append(facts.DiskSpace(event.is_low))
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
-            direct_routes.bar_owners(self, event.revoked)
-        self._settle()
-        self._report(effects, event.time, causes.Keeper())
+            direct_routes.invalidate_licences_of(self, event.revoked)
+        self._process_all()
+        self._report(effects, event.time, causes.Administrator())
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
-        """A connection sent something. What can't be done is refused and leaves nothing behind."""
+        """Handle a request. One that cannot be done is refused and changes nothing."""
         self.events += 1
         header = event.header
         kind = KINDS[type(header)]
@@ -189,20 +195,20 @@ class Central(State):
         connection = self.registry.connections.get(event.connection)
         try:
             if connection is None:
-                connection = self._meet(event, number)
+                connection = self._admit_stranger(event, number)
             elif event.principal != connection.principal:
-                connection = self._take_place(connection, event, number)
+                connection = self._replace_stale_connection(connection, event, number)
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
-                if number > connection.last_number:  # noqa: PLR1730 - max() costs as much as four calls
+                if number > connection.last_number:  # noqa: PLR1730 - max() is slow, as above
                     connection.last_number = number
                 self._carry_out(connection, header, event.body, kind)
         except RequestError as error:
             if isinstance(header, headers.Send) and header.quiet and self.origin:
-                sending.note_refusal(self, header, error.text)
+                sending.record_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
-        self._settle()
+        self._process_all()
         module, place = _named(connection)
         self._report(
             effects, event.time, causes.Request(module, place, number, kind.name, self.origin)
@@ -212,6 +218,7 @@ class Central(State):
     def _carry_out(
         self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind"
     ) -> None:
+        """Check a request, and call its handler."""
         if kind.needs_number and not header.number:  # type: ignore[union-attr]
             raise RequestError(
                 Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number"
@@ -219,7 +226,7 @@ class Central(State):
         if kind.origin is not None and (origin := kind.origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.may_forge and not self.origin and origin in self.dispatcher.running:
-                header = msgspec.structs.replace(header, origin=0)  # that is somebody else's
+                header = msgspec.structs.replace(header, origin=0)  # another module handles it
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
@@ -230,15 +237,11 @@ class Central(State):
         if len(body) > _LONGEST_BODY:
             replying.refuse_body(self, connection, header, len(body))
         else:
-            HANDLERS[type(header)](
-                self, connection, cast("Never", header), body
-            )  # its row takes just that
+            HANDLERS[type(header)](self, connection, cast("Never", header), body)
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
-        """The delivery whose handler asks, as a request says; 0 if its module does not handle
-        that.
-        """
-        asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(
+        """Return a request's origin, 0 if another module handles that delivery."""
+        asking = self.dispatcher.running.get(origin) or self.dispatcher.begin_prefetched(
             connection, origin
         )
         is_its = (
@@ -248,28 +251,32 @@ class Central(State):
         )
         return origin if is_its else 0
 
-    def _meet(self, event: RequestReceived, number: int) -> Connection | None:
-        """A stranger sent something: the connection that it is from now on, if it said hello."""
+    def _admit_stranger(self, event: RequestReceived, number: int) -> Connection | None:
+        """Handle a message of an unknown connection.
+
+        Return the connection if the message was a hello.
+        """
         if isinstance(event.header, headers.Hello):
             joining.greet(self, event.connection, event.header, event.principal)
         else:
             self.messages.append(Transmit(event.connection, headers.Unknown(number)))
         return self.registry.connections.get(event.connection)
 
-    def _take_place(
+    def _replace_stale_connection(
         self, before: Connection, event: RequestReceived, number: int
     ) -> Connection | None:
-        """Somebody else's line has the name of a connection: that one's line is gone, though nobody
-        has noticed.
+        """Replace a connection whose id another user's connection now has.
+
+        The line of the known connection is broken, and central had not noticed.
         """
-        joining.disconnect(self, before, "the line of somebody else has its name", lost=True)
-        return self._meet(event, number)
+        joining.disconnect(self, before, "a connection of another user has its name", lost=True)
+        return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
-        """Add the journal entry and the messages of the event that has just been handled."""
+        """Add the journal entry and the messages of the present event to its effects."""
         if self.facts:
             if self.blocked or self.claims:
-                deadlocks.note_event(self)
+                deadlocks.check_event(self)
             entry = facts.Entry(self.events, time, self.facts[:], cause)
             self.facts.clear()
             effects.append(Record(entry, self.failed) if self.failed else Record(entry))
@@ -281,6 +288,7 @@ class Central(State):
     def _refuse(
         self, connection_id: ConnectionId, number: int, refusal: Refusal, text: str
     ) -> None:
+        """Refuse a request of a connection that may be unknown."""
         connection = self.registry.connections.get(connection_id)
         if connection is not None:
             self.refuse(connection, number, refusal, text)
@@ -290,29 +298,36 @@ class Central(State):
             self.messages.append(Transmit(connection_id, Refused(number, refusal, text)))
 
     def _repeat(self, connection: Connection, number: int) -> None:
-        """A request came twice: give the answer that it had, or say again that it was taken."""
+        """Answer a repeated request as before, or confirm again that it is in progress."""
         header, body = self.answers.get(connection, number)
         if header is None:
             known = connection.outstanding.get(number)
             made = connection.tasks.get(number, 0)
             header = Accepted(number, made or getattr(known, "id", 0))
             if known is None and not made:
-                text = f"request {number} is not open: it was answered long ago, or dropped when the connection broke"
+                text = (
+                    f"request {number} is not open: it was answered long ago, or dropped when the "
+                    "connection broke"
+                )
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
     # --- shared by the rules ----------------------------------------------------------------------
 
-    def _settle(self) -> None:
-        """Let everything happen that may, until nothing moves."""
+    def _process_all(self) -> None:
+        """Work until nothing changes.
+
+        The branches are in order of precedence: each result is handled before more tasks are
+        started.
+        """
         agenda, dispatcher = self.agenda, self.dispatcher
         while True:
-            if agenda.look_at:
-                agenda.settle()
+            if agenda.to_advance:
+                agenda.advance_all()
             if any(self._output_queues):
-                self._take_outputs()
+                self._handle_outputs()
             elif dispatcher.changed:
-                availability.tell_changes(self)
+                availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()
             elif dispatcher.to_offer:
@@ -322,35 +337,40 @@ class Central(State):
             else:
                 return
 
-    def _take_outputs(self) -> None:
-        for _, take_all in compress(
-            self._outputs, self._output_queues
-        ):  # a queue is looked at when its turn comes
-            take_all()
+    def _handle_outputs(self) -> None:
+        """Handle all items of the queues that are not empty."""
+        # ``compress`` tests a queue when its turn comes: an earlier handler may have filled it.
+        for _, handle_all in compress(self._outputs, self._output_queues):
+            handle_all()
 
     def _on_reached(self, reached: tuple[Task, Stored]) -> None:
+        """End a wait for a moment that was reached."""
         task, wait = reached
         REACHED[type(wait)](self, cast("Never", wait), task)
 
     def _withdraw(self, withdrawn: tuple[Task, bool]) -> None:
-        task, was_suspended = withdrawn  # it may go on by now
+        """Take a task out of its queues."""
+        task, was_suspended = withdrawn  # it may have been resumed since
         self.dispatcher.withdraw(task, keep_place=was_suspended or task.suspended or task.retrying)
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
-        """Fire wiretaps before a task goes on. What no listener holds is reached before anything
-        else follows.
+        """Fire wiretaps before a task advances.
+
+        Moments that no listener holds are reached at once.
         """
         taps.fire_before(self, *tapped)
-        self.agenda.settle()
+        self.agenda.advance_all()
 
     def _start_all(self) -> None:
-        """Start what may start: first exception handlers that nobody handles (that ends others),
-        then monitors.
+        """Start the startable tasks of the most urgent kind.
+
+        Exception handlers without a handler come first, because they end other tasks; then
+        monitors.
         """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.requested and not task.killed]
         waiting.clear()
-        first = startable if len(startable) < 2 else _first_of(startable)
+        first = startable if len(startable) < 2 else _most_urgent(startable)
         if len(first) < len(startable):
             is_first = set(first)
             waiting.extend(task for task in startable if task not in is_first)
@@ -358,29 +378,30 @@ class Central(State):
             for task in first:
                 if not task.killed:  # one that fails at once may end others
                     if task.retrying:
-                        self._begin_again(task)
+                        self._start_attempt(task)
                     monitors.start(self, task)
             return
         for task in first:
             if task.retrying:
-                self._begin_again(task)
+                self._start_attempt(task)
         self.dispatcher.route_all([task for task in first if not task.killed])
 
-    def _begin_again(self, task: Task) -> None:
-        """A task is retried: its next attempt begins, unless it is to be cancelled."""
+    def _start_attempt(self, task: Task) -> None:
+        """Start the next attempt of a task that is retried, unless it is to be cancelled."""
         changes.restart(self, task)
         if task.killed:
             return
         task.retrying = False
-        task.given_as = self.new_id()
+        task.handling_id = self.new_id()
         recovery = Recovery.of(task)
         recovery.attempts += 1
         recovery.handler = None
         claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
+        """Clean up after a task that has ended, and report its end."""
         if self.observers.concern(task):
-            observing.tell_end(self, task)
+            observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
         if task.plans is not None:
@@ -390,14 +411,14 @@ class Central(State):
         if task.tapping is not None:
             taps.forget_task(self, task)
         if task.keeping is not None:
-            keeping.keep_or_drop(self, task, task.keeping)
+            keeping.retain_or_drop(self, task, task.keeping)
         if task.role is Role.EXCEPTION:
-            failures.handler_ended(self, task)
+            failures.on_exception_handler_ended(self, task)
         if task.result or task.killed or task.failure is not None:
-            self._remember(task, self.outcome(task))
+            self._remember_outcome(task, self.outcome(task))
 
-    def _remember(self, task: Task, outcome: TaskOutcome) -> None:
-        """Keep an outcome of which there is more to tell than that the task is done."""
+    def _remember_outcome(self, task: Task, outcome: TaskOutcome) -> None:
+        """Store an outcome that is more than "done"."""
         owners = self.registry.permissions.outcome_owners
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
             owners[task.id] = task.sent_by.principal
@@ -406,23 +427,23 @@ class Central(State):
             self.tree.never_began.pop(forgotten, None)
 
 
-def _output(waiting: deque[T], take: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
-    """A queue, and the way to hand on all that is in it."""
+def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
+    """Return a queue, and a function that handles all its items."""
 
-    def take_all() -> None:
+    def handle_all() -> None:
         while waiting:
-            take(waiting.popleft())
+            handle(waiting.popleft())
 
-    return waiting, take_all
+    return waiting, handle_all
 
 
 def _named(connection: Connection | None) -> tuple[str, int]:
-    """A connection as causes name it."""
+    """Return the names of a connection that causes use."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
 
 
-def _first_of(startable: list[Task]) -> list[Task]:
-    """The startable tasks that go before all others: all of one kind."""
+def _most_urgent(startable: list[Task]) -> list[Task]:
+    """Return the startable tasks that are started before all others; they are of one kind."""
     stranded = [task for task in startable if task.is_stranded]
     return (
         stranded
@@ -462,7 +483,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Keep: keeping.on_keep,
     headers.Recalled: joining.on_recalled,
     headers.Bye: joining.on_bye,
-    headers.Receipt: lambda *_: None,  # the server's business
+    headers.Receipt: lambda *_: None,  # the server handles it
     headers.GetVariable: variables.on_get_variable,
     headers.SetVariable: variables.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
@@ -473,26 +494,27 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }
-"""One row per message: what happens when it arrives. Each row takes its own class only."""
+"""One row per message: what happens when it arrives. Each function takes its own class of header.
+"""
 
 
 _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)
 
 
 class _Kind:
-    """A message of the protocol, as far as the core needs to know it."""
+    """The core's knowledge of one class of request."""
 
     __slots__ = ("has_number", "may_forge", "name", "names_tasks", "needs_number", "origin")
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
         origin = next((name for name in ("origin", "delivery") if name in fields), "")
+        """Reads a header's origin: the delivery whose handler sent it. None: it has no origin."""
         self.name: str = header.__name__
         self.has_number = "number" in fields
-        self.needs_number = header in _WAITS  # by which its answer is found
-        self.may_forge = (
-            "origin" in fields and header is not headers.Lock
-        )  # that is refused, with better words
+        self.needs_number = header in _WAITS  # the number finds the answer
+        # A wrong origin is removed; ``Lock`` itself refuses one, with a text that says more.
+        self.may_forge = "origin" in fields and header is not headers.Lock
         self.names_tasks = bool(naming.NAMING[header])
         self.origin: Callable[[ToCentral], int] | None = attrgetter(origin) if origin else None
         """Reads the delivery whose handler sends such a header; None if it has none."""
@@ -503,10 +525,10 @@ KINDS = {header: _Kind(header) for header in HANDLERS}
 
 REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
     TaskWait: lambda central, wait, task: wait.answer(central, central.outcome(task)),
-    steering.PendingKill: lambda central, pending, _: pending.go_on(central),
+    steering.PendingKill: lambda central, pending, _: pending.proceed(central),
     Watch: watches.on_end_point,
 }
-"""One row per kind of wait for a moment of a task: what happens when it is reached."""
+"""One row per kind of wait for a moment of a task: what happens when the moment is reached."""
 
 
 TIMERS: dict[Due, Callable[[Central, Never], None]] = {

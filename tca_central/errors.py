@@ -1,9 +1,9 @@
 """Errors of the daemon.
 
-RequestError         a module asked for something that can't be done: it is refused, nothing of it
-remains CentralError         central cannot start or go on: the address is taken, the journal can't
-be written DiskFull             it can as soon as the disk has room
-ImageError           the state cannot be written down, or bytes are no state that was
+RequestError    a module's request cannot be done: it is refused and leaves no trace.
+CentralError    central cannot start or continue: the address is in use, for example.
+DiskFull        it can as soon as the disk has room.
+ImageError      the state cannot be written as an image, or an image cannot be read.
 """
 
 import errno
@@ -12,8 +12,9 @@ from tca_wire.vocabulary import Limit, Refusal, is_name
 
 
 class RequestError(Exception):
-    """A module's request cannot be done. Raised before anything has changed, or after everything
-    was undone.
+    """A module's request cannot be done.
+
+    It is raised before anything has changed, or after everything was undone.
     """
 
     def __init__(self, refusal: Refusal, text: str) -> None:
@@ -26,16 +27,14 @@ class RequestError(Exception):
 
 
 def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
-    """Raises RequestError if this does not do for the name of a *kind*: it is long, or would steer
-    a terminal.
-    """
+    """Raise RequestError if a name for a *kind* is too long, or would control a terminal."""
     if not is_name(name) and not (or_none and not name):
         text = f"{name!r:.60} names no {kind}: give 1 to {Limit.NAME:d} printable characters"
         raise RequestError(Refusal.PROTOCOL, text)
 
 
 class CentralError(Exception):
-    """Central cannot start or go on; the text says what, which and what to do."""
+    """Central cannot start or continue. The text says what, which and what to do."""
 
 
 class DiskFull(CentralError):
@@ -45,8 +44,9 @@ class DiskFull(CentralError):
 def disk_error(
     error: OSError, text: str, advice: str = "name another folder with --journal"
 ) -> CentralError:
-    """The error with that text for what the disk has refused, and the *advice* if that is not for
-    lack of room.
+    """Return the error for a failed operation on the disk.
+
+    *advice* is added unless the disk is full.
     """
     is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     text = f"{text}: {error.strerror}"
@@ -58,4 +58,4 @@ def disk_error(
 
 
 class ImageError(CentralError):
-    """An image of central's state cannot be made, or is of no use."""
+    """An image of central's state cannot be made or used."""

@@ -1,8 +1,9 @@
-"""Events that reach central, and the effects that it asks for. The core sees nothing else of the
-world.
+"""Events that reach central, and the effects that it asks for.
 
-An *input* is what the log of inputs keeps, in the order in which it was handled: a packet as it
-came, which holds a request or more, or any other event. The same inputs always give the same
+The core sees nothing else of the world.
+
+An *input* is an entry of the log of inputs: a packet with one or more requests, or any other event.
+The log has them in the order in which they were handled. The same inputs always give the same
 effects.
 """
 
@@ -17,14 +18,16 @@ from tca_wire.vocabulary import Permission
 ConnectionId = NewType("ConnectionId", bytes)
 
 AWAY = b"away "
-"""Begins the id of a connection that is awaited after a restart; a client that calls itself so is
-turned away.
+"""The start of the ids of connections that are awaited after a restart.
+
+A client with such an id is refused.
 """
 
 
 class RequestReceived(msgspec.Struct, frozen=True):
-    """A module's message arrived. *time* in seconds, as in every event, on a clock that never
-    jumps.
+    """A request of a module has arrived.
+
+    *time*, as in every event, is in seconds on a clock that never jumps.
     """
 
     time: EntryTime
@@ -32,8 +35,9 @@ class RequestReceived(msgspec.Struct, frozen=True):
     header: ToCentral
     body: bytes = b""
     principal: str = ""
-    """Who sent it: the name of a key, "uid:N" for another user of this computer, "" for the one who
-    runs central.
+    """The sender's owner: a key's name, or "uid:N" for another user of this computer.
+
+    It is "" for central's own user.
     """
 
 
@@ -47,7 +51,7 @@ class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
 
 
 class BadBytes(msgspec.Struct, frozen=True, array_like=True, tag="b"):
-    """Bytes arrived that are no message."""
+    """Bytes have arrived that are not a packet."""
 
     time: EntryTime
     connection: ConnectionId
@@ -68,16 +72,14 @@ class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
     time: EntryTime
 
 
-class TellAll(msgspec.Struct, frozen=True, array_like=True, tag="a"):
-    """Those who were not told yet of the quiet tasks that they have sent are to be told now."""
+class ConfirmTasks(msgspec.Struct, frozen=True, array_like=True, tag="a"):
+    """The ids of unconfirmed tasks are to be sent to their senders now."""
 
     time: EntryTime
 
 
 class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
-    """Keys may connect that might not before, or may no more; their connections are lost with
-    events of their own.
-    """
+    """Keys were allowed or revoked. Connections of revoked keys are lost by events of their own."""
 
     time: EntryTime
     allowed: list[str] = []
@@ -85,9 +87,7 @@ class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
 
 
 class AccessRule(msgspec.Struct, frozen=True, array_like=True):
-    """What the owners of some keys may do, as some modules. All are patterns, in which * stands for
-    any text.
-    """
+    """A permission for owners of some keys, as some modules. In patterns, * stands for any text."""
 
     keys: tuple[str, ...]
     modules: tuple[str, ...] = ("*",)
@@ -95,68 +95,62 @@ class AccessRule(msgspec.Struct, frozen=True, array_like=True):
 
 
 class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
-    """From now on these rules say who may do what; None: whoever gets in may do everything."""
+    """These rules apply from now on; None: all users may do everything."""
 
     time: EntryTime
     rules: tuple[AccessRule, ...] | None
     source: str = ""
-    """Where they come from, for people."""
+    """The origin of the rules, for people."""
 
 
 class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
-    """The disk of the journal has become nearly full (*is low*), or has room again."""
+    """The disk of the journal has become nearly full (*is_low*), or has space again."""
 
     time: EntryTime
     is_low: bool
 
 
 class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
-    """From now on these limits hold."""
+    """These limits apply from now on."""
 
     time: EntryTime
     memory: int
-    """Bytes that central may hold of what modules send."""
+    """Bytes that central may hold for modules."""
     tap_depth: int
     """Listeners of wiretaps in one chain of causes."""
     task_depth: int
-    """Tasks above one another."""
+    """Depth of the task tree."""
 
 
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
-    """Central was away, and is back with all that it knew; every connection has broken
-    meanwhile.
-    """
+    """Central was restarted with its whole state. Every connection has broken."""
 
     time: EntryTime
     away: EntryTime
-    """Seconds, as far as they are known (0: not)."""
+    """Seconds without central (0: unknown)."""
     grace: EntryTime
-    """Seconds after which a connection that has not come back counts as lost."""
+    """Seconds after which a connection that is not back counts as lost."""
     hold: bool = False
-    """No task starts until somebody says so, not only until all are back."""
+    """No task starts until an operator resumes them, even if all connections are back."""
     skipped: int = 0
-    """Numbers that are not given: they may have been, and that was lost with the disk's last
-    second.
-    """
+    """Ids not to be used: they may have been given in the last second, which the disk has lost."""
     aside: int = 0
-    """Entries that the journal had of what was lost."""
+    """Lost entries that the journal had."""
 
 
 class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
-    """As an input: central failed in this request of the packet before, which is refused when it
-    comes back.
-    """
+    """As an input: central crashed in this request of the packet before. A replay refuses it."""
 
     index: int
 
 
-OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
-Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
-Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
+AdminEvent = ConfirmTasks | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
+Event = RequestReceived | BadBytes | ConnectionLost | Tick | AdminEvent
+Input = Arrived | BadBytes | ConnectionLost | Tick | AdminEvent | Spared
 
 
 class Transmit(msgspec.Struct, frozen=True):
-    """Send this message to that connection."""
+    """Send a message to a connection."""
 
     connection: ConnectionId
     header: ToModule
@@ -164,11 +158,11 @@ class Transmit(msgspec.Struct, frozen=True):
 
 
 class Record(msgspec.Struct, frozen=True):
-    """Write this entry to the journal before any Transmit of the same event leaves."""
+    """Write an entry to the journal, before any Transmit of the same event."""
 
     entry: Entry
     failed: dict[int, str] = {}
-    """The parts of it that failed, in words for people, by their ids in the facts."""
+    """The failed messages of the entry, in words for people, by their ids in the facts."""
 
 
 Effect = Record | Transmit

@@ -1,6 +1,4 @@
-"""Inputs as the events that they are: the daemon and whoever replays a log of inputs go through
-here.
-"""
+"""The events that an input contains. The daemon and the replay of a log of inputs use this."""
 
 from collections.abc import Sequence
 
@@ -10,9 +8,7 @@ from tca_wire.packets import codec
 
 
 def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
-    """The events that an input is; the request of a packet that is to be *spared* is only
-    refused.
-    """
+    """Return the events of an input. The request number *spared* of a packet becomes a refusal."""
     if isinstance(event, Spared):
         return ()
     if not isinstance(event, Arrived):

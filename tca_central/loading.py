@@ -1,6 +1,4 @@
-"""Whether the core is machine code, which an installation may have in place of the Python
-(setup.py).
-"""
+"""Whether the core is machine code: an installation may have it instead of Python (setup.py)."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -13,11 +11,11 @@ if TYPE_CHECKING:
 else:
 
     def mypyc_attr(**_: bool) -> Callable[[type], type]:
-        """Tell the compiler more about a class: here it means nothing."""
+        """Give the compiler more information about a class. In Python it does nothing."""
         return lambda kind: kind
 
 
 def is_compiled() -> bool:
-    """Whether the core that is installed is machine code."""
+    """Whether the installed core is machine code."""
     spec = find_spec("tca_central.core")
     return spec is not None and not str(spec.origin).endswith(".py")

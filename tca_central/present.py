@@ -1,54 +1,50 @@
-"""The event being handled, and who blocks: what the whole state is built on."""
+"""The event being handled, and the connections that block: the base classes of ``State``."""
 
 from collections import deque
 from collections.abc import Iterable
 
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
-from tca_central.model.deliveries import Blocking, Connection
+from tca_central.model.deliveries import Connection
+from tca_central.model.values import Blocking
 from tca_central.order.dispatcher import Suspect
 from tca_wire.journal import facts
 from tca_wire.packets.headers import ToModule
 
 
 class Present:
-    """The event being handled: its number, its time, its cause, and what came of it so far."""
+    """The event being handled: its number, time and cause, and its results so far."""
 
     __slots__ = ("clock", "epoch", "events", "facts", "failed", "messages", "origin")
 
     def __init__(self, epoch: str) -> None:
         self.epoch = epoch
         self.clock = Clock()
-        self.events = 0  #: number of events handled, and of timers
-        self.origin = 0  #: the delivery whose handler asks (0: none)
-        self.facts: list[facts.Fact] = []
-        self.failed: dict[int, str] = {}  #: its failed parts, in words, for the log
-        self.messages: list[Effect] = []
+        self.events = 0  #: number of events and timers handled
+        self.origin = 0  #: the delivery whose handler sent the request (0: none)
+        self.facts: list[facts.Fact] = []  #: facts of the event, for its journal entry
+        self.failed: dict[int, str] = {}  #: its failed parts in words, for the log
+        self.messages: list[Effect] = []  #: messages to send when the event is recorded
 
-    def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
-        """Send a message that is no final answer."""
+    def notify(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
+        """Send a message that is not the final answer to a request."""
         self.messages.append(Transmit(connection.id, header, body))
 
 
 class Waits(Present):
-    """The connections that do nothing until they are answered, and the search for circles among
-    them.
-    """
+    """The connections that block until they are answered, and the suspects of deadlocks."""
 
-    __slots__ = ("blocked", "look_after", "may_have_closed", "next_look", "scan", "suspects")
+    __slots__ = ("blocked", "may_have_closed", "scan", "search_delay", "search_timer", "suspects")
 
     def __init__(self, epoch: str) -> None:
         Present.__init__(self, epoch)
         self.blocked: dict[Connection, None] = {}
-        self.suspects: deque[Suspect] = deque()  #: these may have begun to wait for themselves
-        self.look_after = (
-            0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
-        )
-        self.next_look: Timer | None = None
-        self.scan: object = None  #: a look that goes on then (deadlocks.py)
-        self.may_have_closed = (
-            False  #: something has happened since it began that may have closed a circle
-        )
+        self.suspects: deque[Suspect] = deque()  #: waits that may have closed a cycle
+        #: Seconds before all that blocks is searched (0: no search for deadlocks)
+        self.search_delay = 0.25
+        self.search_timer: Timer | None = None
+        self.scan: object = None  #: an unfinished search, which that timer continues (deadlocks.py)
+        self.may_have_closed = False  #: whether a later event may have closed a cycle
 
     def block(
         self,
@@ -59,36 +55,37 @@ class Waits(Present):
         brief: bool,
         others: Iterable[int] = (),
     ) -> None:
-        """A connection does nothing until this request, or one of *others*, is answered. *Brief*:
-        it is no deadlock.
+        """A connection does nothing until this request, or one of *others*, is answered.
+
+        A *brief* wait ends soon, by its timeout: it is never searched for deadlocks.
         """
         numbers = (number, *others)
         wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
         if brief:
-            connection.pauses.update(dict.fromkeys(numbers, wait))
+            connection.brief_waits.update(dict.fromkeys(numbers, wait))
         else:
             self._block(connection, numbers, wait)
 
     def block_coroutine(
         self, connection: Connection, numbers: tuple[int, ...], delivery: int
     ) -> None:
-        """The handler of a delivery does nothing until one of these answers is there; its
-        connection does.
-        """
+        """The coroutine of a delivery waits for one of several answers; its slot continues."""
         self._block(
             connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True)
         )
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
+        """Add a wait that may be part of a deadlock."""
         connection.waits.update(dict.fromkeys(numbers, wait))
         self.blocked[connection] = None
-        self.suspects.append((connection, numbers[0]))  # if that will be there, the handler goes on
+        # One of the waits is enough: if its answer comes, the handler continues.
+        self.suspects.append((connection, numbers[0]))
 
     def unblock(self, connection: Connection, number: int) -> None:
-        """End a wait: the answer is there, or nobody waits for it any more."""
-        if (wait := connection.pauses.pop(number, None)) is not None:
+        """End a wait: it was answered, or its connection waits no longer."""
+        if (wait := connection.brief_waits.pop(number, None)) is not None:
             for other in wait.together:
-                connection.pauses.pop(other, None)
+                connection.brief_waits.pop(other, None)
         elif (wait := connection.waits.pop(number, None)) is not None:
             for other in wait.together:
                 connection.waits.pop(other, None)
@@ -96,7 +93,7 @@ class Waits(Present):
                 del self.blocked[connection]
 
     def unblock_coroutine(self, connection: Connection, delivery: int) -> None:
-        """The handler of a delivery may go on."""
+        """End the wait of a delivery's coroutine."""
         waits = connection.waits.items()
         found = next(
             (number for number, wait in waits if wait.is_coroutine and wait.origin == delivery),

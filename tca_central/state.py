@@ -1,5 +1,6 @@
-"""The state of central, and the ways in which anything leaves it. Holds no rule: those are in the
-rooms beside it.
+"""The state of central, and every way in which a message leaves it.
+
+The rules are not here: they are in the rooms beside this file.
 """
 
 import msgspec
@@ -20,7 +21,7 @@ from tca_central.model.budget import (
 from tca_central.model.clock import Timer
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import (
-    TOLD_TOGETHER,
+    CONFIRMED_TOGETHER,
     AttachedHandler,
     Connection,
     Delivery,
@@ -49,7 +50,7 @@ from tca_wire.vocabulary import CENTRAL, Dropping, Due, MessageClass, Outcome, P
 
 
 class Collector(Stored):
-    """A multi-query under way: how many replies are wanted still, and from which deliveries."""
+    """A multi-query in progress: the replies wanted, and the deliveries that may give them."""
 
     __slots__ = (
         "answered",
@@ -70,21 +71,22 @@ class Collector(Stored):
     ) -> None:
         self.connection, self.number, self.wanted = connection, number, wanted
         self.id, self.message = original.id, original.message
-        self.origin = original.origin  #: the delivery whose handler asks (0: none)
-        self.pending: dict[int, Delivery] = {}
-        self.module_of: dict[int, str] = {}  #: by delivery: the module that got it
+        self.origin = original.origin  #: the delivery whose handler asked (0: none)
+        self.pending: dict[int, Delivery] = {}  #: by id: copies that have not been answered
+        self.module_of: dict[int, str] = {}  #: by delivery id: the module that got the copy
         self.answered = 0
-        self.failures: list[str] = []  #: the modules that failed, with their failures
-        self.end: tuple[Answer, bytes] | None = None  #: its end, once a reply or a failure has come
+        self.failures: list[str] = []  #: failures so far, each with its module
+        #: Its final answer, once a reply or a failure has arrived.
+        self.end: tuple[Answer, bytes] | None = None
 
     @property
     def size(self) -> int:
-        """Bytes that its end holds."""
+        """The bytes that its final answer holds."""
         return 0 if self.end is None else len(self.end[1])
 
 
 class TaskWait(Stored):
-    """A connection waits until a task reaches a moment."""
+    """A connection's wait for a moment of a task."""
 
     __slots__ = ("connection", "moment", "number", "origin", "task_id")
 
@@ -93,31 +95,32 @@ class TaskWait(Stored):
         self.task_id, self.moment = header.point.task, int(header.point.moment)
 
     def answer(self, central: "State", outcome: TaskOutcome) -> None:
-        """Send the waiter the task's outcome."""
+        """Answer the waiter with the task's outcome."""
         if self.connection.outstanding.pop(self.number, None) is not None:
             central.facts.append(
                 facts.WaitEnded(self.connection.module.name, self.origin, self.task_id)
             )
             result, failure, text, body = outcome
-            central.send(
+            central.answer(
                 self.connection, self.number, Answer(self.number, result, failure, text), body
             )
 
 
 class RestartHold(Stored):
-    """What keeps tasks from starting: central was away."""
+    """The reasons why no task starts after a restart of central."""
 
-    __slots__ = ("awaited", "grace", "until_told")
+    __slots__ = ("awaited", "grace", "until_resumed")
 
     def __init__(self) -> None:
         self.awaited: dict[Connection, None] = {}  #: connections that may come back
-        self.grace: Timer | None = None  #: until they must be
-        self.until_told = False  #: no task starts before somebody says so
+        self.grace: Timer | None = None  #: the timer after which they count as lost
+        self.until_resumed = False  #: no task starts before an operator resumes them
 
 
 def is_own(delivery: Delivery) -> bool:
-    """Whether its own resource asks a slot that takes direct messages, too: it may be busy with
-    one, which central does not know.
+    """Whether a message goes to its sender's own resource, which takes direct messages too.
+
+    Then the slot may be busy with a direct message, which central does not know.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -126,46 +129,48 @@ def is_own(delivery: Delivery) -> bool:
 
 
 def cancelled_header(delivery: Delivery) -> headers.Cancelled:
-    """The message that tells a handler to end, because its task was killed or is retried."""
+    """Return the header that asks a handler to stop: its task was killed or is retried."""
     killed = delivery.killed if isinstance(delivery, Task) else ""
-    return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
+    return headers.Cancelled(delivery.handling_id, killed or "it is to be handled again")
 
 
 def dropped_fact(
     delivery: Delivery, why: str, where: str = "", dropping: Dropping = Dropping.OTHER
 ) -> facts.Dropped:
-    """The fact that a message, or a copy of it for one receiver, is dropped."""
+    """Return the fact that a message, or a copy of it for one receiver, is dropped."""
     return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where, dropping)
 
 
-def lose(
+def drop(
     central: "State", delivery: Delivery, why: str, dropping: Dropping = Dropping.OTHER
 ) -> None:
-    """Drop a message, or a copy of it, that a handler should have had."""
+    """Drop a message, or a copy of it, that a handler should have received."""
     delivery.message.dropped += 1
     central.facts.append(dropped_fact(delivery, why, dropping=dropping))
 
 
 def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
-    """The header by which a handler gets a delivery, to be handled when it has handled so many
-    before it.
+    """Return the header that brings a delivery to its handler.
+
+    *ahead* is the number of messages that the slot handles before it (0: it is free).
     """
-    given_as, name = delivery.given_as, delivery.message.name
+    handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        return headers.Deliver(given_as, name, delivery.id, context, delivery.suspended)
-    return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
+        return headers.Deliver(handling_id, name, delivery.id, context, delivery.suspended)
+    return headers.Deliver(handling_id, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
-def _spent(what: str, held: int, most: int, advice: str) -> str:
+def _over_budget(what: str, held: int, most: int, advice: str) -> str:
+    """Return the text of a refusal because a part of the budget is used up."""
     return (
-        f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, or start central \
-with more --memory"
+        f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, "
+        "or start central with more --memory"
     )
 
 
 class State(Waits):
-    """The parts, put together."""
+    """All parts of the state, and the operations that concern several of them."""
 
     __slots__ = (
         "agenda",
@@ -184,7 +189,7 @@ class State(Waits):
         "registry",
         "taps",
         "tree",
-        "untold",
+        "unconfirmed",
         "variables",
         "watch_of_condition",
         "watches",
@@ -206,41 +211,39 @@ class State(Waits):
         self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
-        self.watches: dict[
-            int, Watch
-        ] = {}  #: the monitors that watch or are still to, by their tasks' ids
-        self.watch_of_condition: dict[
-            int, Watch
-        ] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.claims: dict[
-            tuple[Connection, int], ModuleClaim
-        ] = {}  #: by claimant and the request's number
-        self.claimed_for: dict[
-            Delivery, list[ModuleClaim]
-        ] = {}  #: claims that end with a task or message
-        self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
-        self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
+        self.watches: dict[int, Watch] = {}  #: by task id: monitors that watch now or later
+        #: By delivery id: the monitor whose condition it tests.
+        self.watch_of_condition: dict[int, Watch] = {}
+        #: By claimant and request number.
+        self.claims: dict[tuple[Connection, int], ModuleClaim] = {}
+        #: By delivery: claims that end with it.
+        self.claimed_for: dict[Delivery, list[ModuleClaim]] = {}
+        #: By delivery id: the multi-query that it belongs to.
+        self.collectors: dict[int, Collector] = {}
+        #: Connections that have not been sent the ids of unconfirmed tasks.
+        self.unconfirmed: dict[Connection, None] = {}
         self.hold = RestartHold()
-        self.lost: list[
-            tuple[int, int]
-        ] = []  #: numbers, from and to, that may have been given, and then were lost
-        self.is_disk_low = False  #: no new tasks are taken
+        #: Ranges of ids (first, last) that may have been given before the disk lost them.
+        self.lost: list[tuple[int, int]] = []
+        self.is_disk_low = False  #: whether new tasks are refused
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """Give a message, which *is there* already or is sent now, to the handler in a slot:
-        nothing else does.
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        """Give a message to the handler in a slot. Every delivery goes through here.
+
+        A message that *is_prefetched* is in the slot already; others are sent now.
         """
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
+        # A prefetched message began when its slot was free, which may be before central knew.
         now = self.clock.now
-        began = max(delivery.since, slot.begins) if is_there and slot.begins else now
-        slot.unbegun = delivery if is_there and not slot.begins else None
+        began = max(delivery.since, slot.begins) if is_prefetched and slot.begins else now
+        slot.unbegun = delivery if is_prefetched and not slot.begins else None
         delivery.since, slot.begins = began, 0.0
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as,
+            delivery.handling_id,
             delivery.message_id,
             resource.module,
             resource.name,
@@ -254,34 +257,34 @@ class State(Waits):
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
-            if delivery.message.wishes or self.observers.concern(delivery):
-                self.begin(delivery)
+            if delivery.message.custom_handlers or self.observers.concern(delivery):
+                self.accept_for_handler(delivery)
             else:
                 delivery.state = delivery.message.running
                 delivery.serial += 1
-        if not is_there:
+        if not is_prefetched:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
-    def begin(self, task: Task) -> None:
-        """A handler has got a task, and accepts it, unless it says so itself."""
+    def accept_for_handler(self, task: Task) -> None:
+        """Mark a task as accepted by its handler, unless the handler accepts tasks explicitly."""
         handler = task.handler
         if (handler is None or not handler.accepts) and task.state == task.message.initial:
             task.state = task.message.running
             task.serial += 1
             module = task.slot.module.name if task.slot is not None else ""
-            self.tell_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
+            self.notify_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
 
     # --- observers --------------------------------------------------------------------------------
 
-    def tell_birth(self, task: Task) -> None:
-        """Tell those who observe a task that it is new."""
+    def report_new_task(self, task: Task) -> None:
+        """Report a new task to its observers."""
         if self.observers.concern(task) and task.state == task.message.initial:
             module = task.sender.module.name if task.sender is not None else ""
-            self.tell_observers(
+            self.notify_observers(
                 task, "initiated", Party.CLIENT if module else Party.CENTRAL, module
             )
 
-    def tell_observers(
+    def notify_observers(
         self,
         task: Task,
         transition: str,
@@ -292,8 +295,9 @@ class State(Waits):
         *,
         outcome: Outcome | None = None,
     ) -> None:
-        """Tell all who observe a task of a change; with its *outcome* it is over, and nobody
-        observes it any more.
+        """Report a change of a task's state to its observers.
+
+        With an *outcome* the task has ended: the observations end too.
         """
         observers = list(self.observers.of(task)) if self.observers.concern(task) else []
         if not (observers or (outcome is not None and self.observers.others)):
@@ -314,7 +318,7 @@ class State(Waits):
         )
         encoded = msgspec.msgpack.encode(change)
         for one in observers:
-            self.tell_observer(one, encoded, task.state)
+            self.notify_observer(one, encoded, task.state)
         if outcome is not None:
             for one in [
                 one
@@ -324,47 +328,49 @@ class State(Waits):
                 self.end_observers_wait(one)
                 self.observers.remove(one)
                 one.connection.outstanding.pop(one.number, None)
-                self.send(one.connection, one.number, Answer(one.number))
+                self.answer(one.connection, one.number, Answer(one.number))
 
-    def tell_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
-        """Tell somebody of a change to a state, if it is one of those that are observed."""
+    def notify_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
+        """Report a change to one observer, if it observes that state."""
         if not observation.states or state in observation.states:
             self.end_observers_wait(observation)
             observation.told += 1
-            self.tell(observation.connection, Answer(observation.number, more=True), encoded)
+            self.notify(observation.connection, Answer(observation.number, more=True), encoded)
 
     def end_observers_wait(self, observation: Observation) -> None:
-        """There is news, or nobody waits for it any more."""
+        """End an observer's wait for a change: one came, or it waits no longer."""
         if not observation.is_awaited:
             return
         connection, number = observation.connection, observation.number
-        wait = connection.pauses.get(number) or connection.waits.get(number)
+        wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        others = (
-            wait.together if wait is not None and not wait.is_coroutine else ()
-        )  # a coroutine still awaits them
-        for one in (observation, *map(connection.outstanding.get, others)):
-            if isinstance(one, Observation) and one.is_awaited:
-                one.is_awaited = False
-                self.facts.append(facts.WaitEnded(*one.wait))
+        # A coroutine still awaits the others.
+        others = wait.together if wait is not None and not wait.is_coroutine else ()
+        for awaited in (observation, *map(connection.outstanding.get, others)):
+            if isinstance(awaited, Observation) and awaited.is_awaited:
+                awaited.is_awaited = False
+                self.facts.append(facts.WaitEnded(*awaited.wait))
 
     # --- messages to modules ----------------------------------------------------------------------
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
-        """Send a slot a message that it is to handle when it has handled those before."""
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
+        """Send a prefetched message: the slot handles it after those that it has."""
         assert slot.resource is not None
-        before = len(slot.handling) + len(slot.resource.ahead) - 1
+        before = len(slot.handling) + len(slot.resource.prefetched) - 1
         self.messages.append(Transmit(slot.id, deliver_header(delivery, before), delivery.body))
 
     def recall(self, slot: Connection) -> None:
-        """Ask a slot for what it has ahead and has not begun."""
+        """Ask a slot to return prefetched messages that it has not begun."""
         assert slot.resource is not None
         self.facts.append(facts.Recalling(slot.resource.module, slot.resource.name))
-        self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
+        self.notify(
+            slot, headers.Recall([delivery.handling_id for delivery in slot.resource.prefetched])
+        )
 
     def outcome(self, task: Task) -> TaskOutcome:
-        """A task's outcome, failure's name, text, and data or result. A failure that was resolved
-        is only named.
+        """Return a task's outcome, the name and text of its failure, and its data or result.
+
+        A failure that was resolved is only named.
         """
         if task.failure is not None:
             failure, text, body = task.failure
@@ -376,53 +382,52 @@ class State(Waits):
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
 
-    def note_failure(
+    def record_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
     ) -> None:
-        """Note that a failure was raised on a task or message; beside the handler of a task by
-        whom, and with what.
+        """Record a failure of a task or message.
+
+        *is_beside*: it was raised on a task, *by* a module, and not by the task's own handler.
         """
         body = failure.body if is_beside else b""
         name, text, copy_of = failure.name, failure.text, delivery.copy_of
         self.facts.append(facts.Failed(delivery.id, name, text, is_beside, by, body, copy_of))
         self.failed[delivery.id] = str(delivery)
 
-    def send(
+    def answer(
         self, connection: Connection, number: int, header: ToModule, body: bytes = b""
     ) -> None:
-        """Answer a request, for good; the answer is kept in case the request is repeated."""
-        if connection.waits or connection.pauses:
+        """Answer a request for good, and store the answer in case the request is repeated."""
+        if connection.waits or connection.brief_waits:
             self.unblock(connection, number)
-        if connection.untold:
-            self.tell_tasks(connection)
+        if connection.unconfirmed:
+            self.confirm_tasks(connection)
         if number:
             self.answers.add(connection, number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
 
     def refuse(self, connection: Connection, number: int, refusal: Refusal, text: str) -> None:
-        """Answer that a request can't be done."""
+        """Refuse a request."""
         text = shortened(text)
         self.facts.append(facts.RequestRefused(connection.module.name, refusal, text))
         if number:
             connection.outstanding.pop(number, None)
-            self.send(connection, number, headers.Refused(number, refusal, text))
+            self.answer(connection, number, headers.Refused(number, refusal, text))
         else:
-            self.tell(connection, headers.Refused(0, refusal, text))
+            self.notify(connection, headers.Refused(0, refusal, text))
 
     def set_limits(self, limits: LimitsSet) -> None:
-        """Other limits hold. Answers that are too much by them now are forgotten; all else
-        stays.
-        """
+        """Apply new limits. Only stored answers beyond them are forgotten."""
         self.budget.share(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
-        self.answers.give_way()
+        self.answers.evict()
 
     # --- the budget -------------------------------------------------------------------------------
 
     @property
     def message_bytes(self) -> int:
-        """Bytes that messages, tasks and constraints hold."""
+        """The bytes that messages, tasks and constraints hold."""
         return (
             self.dispatcher.bytes
             + self.tree.bytes
@@ -432,7 +437,7 @@ class State(Waits):
 
     @property
     def declared_bytes(self) -> int:
-        """Bytes that all else holds that modules declare, attach, claim and wait for."""
+        """The bytes of all else that modules declare, attach, claim and wait for."""
         return (
             self.registry.bytes
             + self.dispatcher.handlers * HANDLER_BYTES
@@ -443,43 +448,43 @@ class State(Waits):
             + self.budget.awaited
         )
 
-    def why_no_room(self, size: int) -> str:
-        """The reason why no message, with so many bytes and constraints, is let in; "" if there is
-        room. Counts it.
+    def refuse_if_full(self, size: int) -> str:
+        """Return the reason to refuse a message of *size* bytes, "" if there is room.
+
+        Count a refusal.
         """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
             return ""
         self.budget.refused += 1
-        return _spent("messages and tasks", held, most, "let handlers catch up, or end tasks")
+        return _over_budget("messages and tasks", held, most, "let handlers catch up, or end tasks")
 
     def check_room(self, size: int) -> None:
-        """Raises RequestError if there is no room for such a message."""
-        if why := self.why_no_room(size):
+        """Raise RequestError if there is no room for a message of *size* bytes."""
+        if why := self.refuse_if_full(size):
             raise RequestError(Refusal.OVERLOAD, why)
 
-    def keep_out(self, what: str, body: bytes) -> bool:
-        """Whether there is no room for a task that central would send itself; what, for people, is
-        recorded then.
+    def is_refused_for_lack_of_memory(self, what: str, body: bytes) -> bool:
+        """Whether memory is too full for a task that central would send.
+
+        The refusal is recorded, with *what*.
         """
-        if why := self.why_no_room(len(body)):
+        if why := self.refuse_if_full(len(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )
         return bool(why)
 
-    # --- endless chains ---------------------------------------------------------------------------
+    # --- limits of depth, which end endless chains ------------------------------------------------
 
     @property
     def tap_depth(self) -> int:
-        """The number of wiretaps' listeners among the causes of what the present request does."""
+        """The number of wiretaps' listeners in the chain of causes of the present request."""
         asking = self.dispatcher.running.get(self.origin)
         return asking.tap_depth if asking is not None else 0
 
     def check_tap_depth(self, message: MessageType) -> None:
-        """Raises RequestError if a message would call a listener that is one too many in its chain
-        of causes.
-        """
+        """Raise RequestError if a message would call one listener too many in its chain."""
         if self.tap_depth < self.budget.tap_depth:
             return
         tap = next((tap for tap in message.taps if tap.is_heard), None)
@@ -488,64 +493,71 @@ class State(Waits):
             raise RequestError(Refusal.OVERLOAD, self.end_of_taps(tap, f"'{message.name}'"))
 
     def end_of_taps(self, tap: Wiretap, tapped: object) -> str:
-        """Text that says why *tap* does not send its listener for *tapped*."""
+        """Return the text that says why *tap* does not send its listener for *tapped*."""
         most = self.budget.tap_depth
         text = f"{tapped} would call '{tap.listener.name}' (wiretap {tap.id}, {tap.condition})"
-        text = f"{text} after {most} other listeners in its chain of causes, and at most {most} are allowed"
-        return f"{text}: let no listener send what it taps, or set --tap-depth of central"
+        text = f"{text} after {most} other listeners in its chain of causes"
+        return (
+            f"{text}, and at most {most} are allowed: let no listener send what it taps, "
+            "or set --tap-depth of central"
+        )
 
     def check_task_depth(self, message: MessageType, parent: Task) -> None:
-        """Raises RequestError if a task would stand too deep in the tree."""
+        """Raise RequestError if a task would stand too deep in the tree."""
         if parent.depth >= self.budget.task_depth:
             message.dropped += 1
             depth, most = parent.depth + 1, self.budget.task_depth
-            text = f"{message.title} would stand {depth:,} tasks deep in the tree, and at most {most:,} are allowed"
             raise RequestError(
                 Refusal.OVERLOAD,
-                f"{text}: send it under an older task, or set --task-depth of central",
+                f"{message.title} would stand {depth:,} tasks deep in the tree, and at most "
+                f"{most:,} are allowed: "
+                "send it under an older task, or set --task-depth of central",
             )
 
     def check_declared(self, size: int) -> None:
-        """Raises RequestError if no so much more can be declared, attached, claimed or waited
-        for.
-        """
+        """Raise RequestError if what modules declare and wait for may not grow by *size*."""
         held, most = self.declared_bytes, self.budget.declared
         if held + size > most:
             self.budget.refused += 1
             what = "declarations, attachments, claims, waits and timers"
             raise RequestError(
-                Refusal.OVERLOAD, _spent(what, held, most, "end those that nobody needs")
+                Refusal.OVERLOAD,
+                _over_budget(what, held, most, "end those that are no longer needed"),
             )
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
-        """Answer that a request was done; *made* is the id that it made, or is about."""
-        self.send(connection, number, headers.Accepted(number, TaskId(made)))
+        """Answer that a request was done. *made* is the id that it created, or is about."""
+        self.answer(connection, number, headers.Accepted(number, TaskId(made)))
 
     def accept_task(
         self, connection: Connection, number: int, task: TaskId, *, quiet: bool
     ) -> None:
-        """Answer that a request has sent a task: at once or, if it was *quiet*, soon and with
-        others.
+        """Answer that a request has sent a task.
+
+        A *quiet* request is confirmed later, together with others: that saves a packet per task.
         """
         connection.remember_task(number, task)
         if not quiet:
             self.accept(connection, number, task)
             return
-        connection.untold.append((number, task))
-        self.untold[connection] = None
-        if len(connection.untold) >= TOLD_TOGETHER:
-            self.tell_tasks(connection)
+        connection.unconfirmed.append((number, task))
+        self.unconfirmed[connection] = None
+        if len(connection.unconfirmed) >= CONFIRMED_TOGETHER:
+            self.confirm_tasks(connection)
 
-    def tell_tasks(self, connection: Connection) -> None:
-        """Tell a connection of the quiet tasks that it has sent."""
-        told, connection.untold = connection.untold, []
-        del self.untold[connection]
-        self.tell(connection, headers.TasksMade(told))
+    def confirm_tasks(self, connection: Connection) -> None:
+        """Send a connection the ids of its unconfirmed tasks."""
+        confirmed, connection.unconfirmed = connection.unconfirmed, []
+        del self.unconfirmed[connection]
+        self.notify(connection, headers.TasksMade(confirmed))
 
     def living(
         self, connection: Connection, number: int, task_id: TaskId, refused: str
     ) -> Task | None:
-        """The task of that id; None, and the request is ignored, if it has ended or was killed."""
+        """Return the task of that id.
+
+        If it has ended or was killed, ignore the request and return None.
+        """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
             return task
@@ -554,26 +566,27 @@ class State(Waits):
         return None
 
     def ignore(self, connection: Connection, number: int, text: str) -> None:
-        """A request came too late to change anything: whoever asked may have known no better (TCM:
-        a warning).
+        """Ignore a request that came too late to change anything.
+
+        It is not refused: its sender could not know (TCM: a warning).
         """
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.accept(connection, number)
 
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
-        """A handler that runs is told to clean up and return; its coroutine awaits nothing any
-        more.
-        """
-        self.unblock_coroutine(slot, delivery.given_as)
-        self.doubt(slot, delivery)
-        self.tell(slot, cancelled_header(delivery))
+        """Ask a running handler to clean up and return. Its coroutine awaits nothing any more."""
+        self.unblock_coroutine(slot, delivery.handling_id)
+        self.expect_return(slot, delivery)
+        self.notify(slot, cancelled_header(delivery))
 
-    def doubt(self, slot: Connection, delivery: Delivery) -> None:
-        """A handler that runs is to return soon, where its slot says how soon: else it hangs."""
-        if slot.hung_after and delivery.given_as not in slot.doubts:
-            slot.doubts[delivery.given_as] = self.clock.after(slot.hung_after, Due.HUNG, delivery)
+    def expect_return(self, slot: Connection, delivery: Delivery) -> None:
+        """Start the timer after which a handler that should return counts as hung."""
+        if slot.hung_after and delivery.handling_id not in slot.hang_timers:
+            slot.hang_timers[delivery.handling_id] = self.clock.after(
+                slot.hung_after, Due.HUNG, delivery
+            )
 
     def new_id(self) -> int:
-        """The next id; ids are never used again."""
+        """Return the next id. Ids are never reused."""
         self.tree.newest += 1
         return self.tree.newest

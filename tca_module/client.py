@@ -114,7 +114,11 @@ class Client(Sender):
             return
         if not (is_own_thread or self._thread.daemon):
             self._thread.join()
-        if is_own_thread or self._is_abandoned or (link.missing and link.take_over(self._linger)):
+        if (
+            is_own_thread
+            or self._is_abandoned
+            or (link.missing and link.acquire_for_closing(self._linger))
+        ):
             link.close(self._linger)
         elif number := link.missing:
             where = f"central at {link.transport.address}"

@@ -15,7 +15,7 @@ from tca_module import checks
 from tca_module.checks import check, check_class, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, Connection
-from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
+from tca_module.link.keepalive import CHECK_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
@@ -30,7 +30,7 @@ from tca_module.serving.handler_options import (
 )
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.module_callbacks import ModuleCallbacks
-from tca_module.serving.server import Server, ServerHandler, taken_by
+from tca_module.serving.server import Server, ServerHandler, server_transitions
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
@@ -227,7 +227,9 @@ class Module(ModuleCallbacks):
                 f"serve() of {message.title}: leave out takes=, the Server's methods decide that"
             )
         options["takes"] = [
-            name for name in taken_by(message, server) if name not in options.get("refuses", ())
+            name
+            for name in server_transitions(message, server)
+            if name not in options.get("refuses", ())
         ]
         self._add(
             ServerHandler(
@@ -412,7 +414,7 @@ class Module(ModuleCallbacks):
         link.session.redeclaration.required = [message.name for message in required]
         wanted = WaitUntilHandled(0, [message.name for message in required], list(self._handlers))
         request, since, warned = link.request(wanted, wants_answer=True), time.monotonic(), False
-        while not link.wait(request, TEND_PERIOD, "the wait for required messages"):
+        while not link.wait(request, CHECK_PERIOD, "the wait for required messages"):
             if self._stop.is_set():
                 link.abandon(request)
                 raise Stopped(
@@ -504,7 +506,7 @@ def _stopped_by_signals(stop: Stop) -> Iterator[None]:
         return
 
     def on_signal(*_: Any) -> None:
-        stop.note()
+        stop.set_from_signal()
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)
 

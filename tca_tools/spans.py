@@ -62,7 +62,7 @@ class Lanes:
         """Lanes with the ends of their spans, once these are known."""
         self._free: list[int] = []
 
-    def take(self, start: float) -> int:
+    def assign(self, start: float) -> int:
         """A lane for what begins at that time."""
         while self._busy and self._busy[0][0] <= start:
             heapq.heappush(self._free, heapq.heappop(self._busy)[1])
@@ -76,7 +76,7 @@ class Lanes:
         self._ends.append(inf)
         return len(self._ends) - 1
 
-    def leave(self, lane: int, end: float) -> None:
+    def release(self, lane: int, end: float) -> None:
         """Tell when the span of a lane ends."""
         self._ends[lane] = end
         heapq.heappush(self._busy, (end, lane))
@@ -86,8 +86,8 @@ def lanes(spans: Iterable[Span]) -> Iterator[int]:
     """The lane of each span, given in the order of their starts."""
     taken = Lanes()
     for start, end in spans:
-        lane = taken.take(start)
-        taken.leave(lane, end)
+        lane = taken.assign(start)
+        taken.release(lane, end)
         yield lane
 
 

@@ -1,10 +1,11 @@
-"""The rules of moments and wiretaps, as tables: central carries them out, the tools explain and
-check by them.
+"""The rules of moments and wiretaps, as tables.
+
+Central applies them; the tools explain and check by them.
 
 Theory of operation (TCA 8.5 and TCM: intra-node rules). A goal's handling and planning start
-together, as soon as planning may start, even while its achievement is still held back: that is
-planning ahead. A command is a leaf of planning: its planning interval is over when it is created;
-its handling and achieving start together. Both end achieving last.
+together, as soon as planning may start. Its achievement may still be held back then: this is
+planning ahead. A command has no planning: its planning interval is over when it is created. Its
+handling and achieving start together. Both kinds of task end achieving last.
 
     goal      start handling = start planning ─► start achieving ─────────────► end achieving
                      └─► end handling ─► end planning ─────────────────────────────┘
@@ -31,22 +32,21 @@ Order = tuple[tuple[int, int], ...]
 
 
 class TaskRules(NamedTuple):
-    """The moments of one task, of a goal or of any other."""
+    """The moments of a task: one set of rules for goals, one for all other tasks."""
 
     at_birth: int
-    """Those that it has reached when it is created."""
+    """The moments that a task has reached when it is created."""
     delivery: int
-    """Those that it reaches together when a handler gets it."""
+    """The moments that it reaches together when a handler gets it."""
     order: Order
-    """Moments, each with those that come directly before it, in an order in which one pass reaches
-    all.
-    """
+    """Pairs: a moment, and the moments directly before it. One pass over them reaches all."""
     no_later: dict[int, int]
-    """Each moment with all that are reached no later; nothing for those reached at birth."""
+    """For each moment, the bits of all moments reached before or with it; 0 if reached at creation.
+    """
 
 
 def _rules(*, at_birth: int, delivery: int, order: Order) -> TaskRules:
-    """The rules, with what follows from them."""
+    """Build the rules; ``no_later`` follows from the others."""
 
     def no_later(moment: int) -> int:
         found = moment | (delivery if moment & delivery else 0)
@@ -80,21 +80,22 @@ NO_GOAL = _rules(
 
 
 RULES = (NO_GOAL, GOAL)
-"""The rules of a task, by whether it is a goal."""
+"""The rules of a task, by whether it is a goal: ``RULES[task.is_goal]``."""
 
 
 # --- parents and children -------------------------------------------------------------------------
 
 PARENT_FIRST = START_PLANNING | START_ACHIEVING
-"""Moments that a task reaches no sooner than its parent; what central sends for a reason of its own
-is free.
+"""The moments that a task reaches only after its parent has.
+
+Messages that central makes (with a role) are exempt.
 """
 
 
 # --- wiretaps -------------------------------------------------------------------------------------
 
 DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
-"""Further events of a message beside its moments, as bits: a wiretap may be fired by them."""
+"""Events of a message beside its moments, as further bits: wiretaps may fire at them."""
 
 _ANY = frozenset(MessageClass)
 _REPLIES = frozenset(one for one in MessageClass if one.has_reply)
@@ -107,24 +108,26 @@ class TapRule(NamedTuple):
     """The meaning of a wiretap's condition."""
 
     classes: frozenset[MessageClass]
-    """The message classes that can be tapped so."""
+    """The message classes that can be tapped with this condition."""
     before: int = 0
     """The moment of the tapped task that waits until the listener has been sent."""
     at: int = 0
-    """The event at which the listener is sent: a moment, or a bit of those above."""
+    """The event at which the listener is sent: a moment, or an event such as ``SENT``."""
     holds_until: int = 0
     """The listener's moment that the tapped task's moment waits for."""
     is_child: bool = False
-    """The listener is a child of the tapped task: its failure is looked after there, and it dies
-    with it.
+    """The listener is a child of the tapped task.
+
+    Its failure is handled there, and it is killed with it.
     """
     lasts_until: int = 0
     """The moment of the tapped task at which its listeners end."""
 
     @property
-    def finds_it_alive(self) -> bool:
-        """Whether a tapped task still has its end before it: polling and demon monitors that listen
-        hang under it.
+    def target_is_alive(self) -> bool:
+        """Whether the listener is sent before the tapped task ends.
+
+        Polling and demon monitors that listen need this: they are its children.
         """
         return self.is_child or bool(self.lasts_until) or self.at == SENT
 
@@ -155,16 +158,17 @@ CONDITIONS = {
     Condition.WHEN_ACHIEVED: TapRule(_TASKS, before=END_ACHIEVING, is_child=True),
     Condition.WHEN_KILLED: TapRule(_TASKS, at=KILLED),
 }
-"""One row per condition. *When* conditions hold nothing: a task does not end before its children
-have.
+"""One row per condition.
+
+*When* conditions need no ``holds_until``: a task ends only after its children.
 """
 
 LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)
-"""The classes that a wiretap may send."""
+"""The classes of messages that a wiretap may send."""
 
 
 def recurs_on_retry(condition: Condition) -> bool:
-    """Whether it is met each time that its message is handled: once more when that is retried."""
+    """Whether a condition is met again each time that the message is retried."""
     rule = CONDITIONS[condition]
     return bool(
         (rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE)

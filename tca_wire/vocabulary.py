@@ -42,7 +42,7 @@ class MessageClass(_WithTraits):
     """Central may send it for a wiretap, a monitor or a kill."""
     has_condition: bool
     """Such a monitor tests by asking a query; one without is fired from outside."""
-    is_aside: bool
+    is_outside_sequence: bool
     """Such a monitor watches over its siblings: it is in no order with them."""
     handles_failures: bool
     """It is attached to tasks, not sent."""
@@ -55,8 +55,14 @@ class MessageClass(_WithTraits):
     COMMAND = "command", "is_task", "may_react"
     EXCEPTION = "exception handler", "is_task", "is_goal", "handles_failures"
     POINT_MONITOR = "point monitor", "is_task", "is_monitor", "has_condition"
-    POLLING_MONITOR = "polling monitor", "is_task", "is_monitor", "has_condition", "is_aside"
-    DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_aside"
+    POLLING_MONITOR = (
+        "polling monitor",
+        "is_task",
+        "is_monitor",
+        "has_condition",
+        "is_outside_sequence",
+    )
+    DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_outside_sequence"
     VARIABLE = "variable", "fans_out", "keeps_value"
 
     @property
@@ -104,7 +110,7 @@ class Outcome(StrEnum):
     KILLED = "killed"
 
     @property
-    def lets_go_on(self) -> bool:
+    def lets_successors_continue(self) -> bool:
         """Whether what follows goes on as planned."""
         return self in (Outcome.DONE, Outcome.RESOLVED)
 

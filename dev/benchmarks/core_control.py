@@ -62,7 +62,7 @@ class Steered(Bench):
     def given(self, slot: ConnectionId) -> int:
         """The message that a slot handles."""
         return next(
-            one.given_as
+            one.handling_id
             for one in self.central.dispatcher.running.values()
             if one.slot and one.slot.id == slot
         )

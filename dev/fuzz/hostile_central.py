@@ -22,6 +22,7 @@ from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import (
     Arrived,
+    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
     Event,
@@ -29,7 +30,6 @@ from tca_central.events import (
     PermissionsChanged,
     Record,
     Restarted,
-    TellAll,
     Tick,
     Transmit,
 )
@@ -241,7 +241,9 @@ class Attack:
 
     def _of_all(self) -> Event:
         """What is no client's doing."""
-        kind = self._choices.one_of((TellAll, TellAll, KeysChanged, PermissionsChanged, Restarted))
+        kind = self._choices.one_of(
+            (ConfirmTasks, ConfirmTasks, KeysChanged, PermissionsChanged, Restarted)
+        )
         if kind is Restarted:
             away, grace, hold = (self._choices.below(20) for _ in range(3))
             return Restarted(self._time, away, grace, hold % 2 == 1, self._choices.below(3) * 1000)
@@ -285,11 +287,11 @@ class Attack:
         return [last + 1, 0, last, *range(1, min(last, 12))] if last < 1 << 62 else [0]
 
     def _deliveries(self) -> list[int]:
-        return [one.given_as for one in self.central.dispatcher.running.values()] + [0]
+        return [one.handling_id for one in self.central.dispatcher.running.values()] + [0]
 
     def _given_to(self, line: bytes) -> list[int]:
         running = self.central.dispatcher.running.values()
-        return [one.given_as for one in running if one.slot is not None and one.slot.id == line]
+        return [one.handling_id for one in running if one.slot is not None and one.slot.id == line]
 
     def _tasks(self) -> list[int]:
         return [*self.central.tree.tasks, 0, -1, -3, -4, self.central.tree.newest]

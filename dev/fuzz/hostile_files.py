@@ -72,7 +72,7 @@ def attack_journal(data: bytes) -> None:
     )
     for entry in entries:
         history.apply(entry)
-    history.go_on(None)
+    history.extend_to(None)
 
 
 def attack_journal_with_bytes(data: bytes) -> None:

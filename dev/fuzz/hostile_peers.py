@@ -87,7 +87,7 @@ class _Client:
         formats = [
             MessageFormat(name, one, "{}") for name, one in zip(_NAMES, _CLASSES, strict=True)
         ]
-        self.session.declared(formats, [HandlerFormat("move", "legs")], is_ready=True)
+        self.session.add_declared(formats, [HandlerFormat("move", "legs")], is_ready=True)
         self.session.receive(
             headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0
         )
@@ -110,7 +110,7 @@ class _Client:
         elif kind == 9 and self.requests:
             given_up.abandon(session, self.requests.pop(choices.below(len(self.requests))))
         elif kind == 10:
-            session.tend(now, now - choices.below(60))
+            session.send_due(now, now - choices.below(60))
         else:
             session.break_off()
         self.leave()
@@ -141,7 +141,7 @@ class _Client:
 
     def _answer(self) -> None:
         session = self.session
-        for queue in (session.deliveries, session.ahead):
+        for queue in (session.deliveries, session.prefetched):
             if queue:
                 header, _ = queue.popleft()
                 self.given.append(header.delivery)
@@ -155,11 +155,11 @@ class _Client:
         do.
         """
         session = self.session
-        while session.news:
-            session.news.popleft()()
+        while session.pending_calls:
+            session.pending_calls.popleft()()
         session.complaints.clear()
         session.routing.clear()
-        for item in session.take_outgoing(self.steps.clock):
+        for item in session.pop_outgoing(self.steps.clock):
             assert unpack_to_central(pack_item(*item)), "nothing is said"
         for request in self.requests:
             assert request.why_failed is not None
@@ -238,10 +238,10 @@ def attack_entrance(data: bytes) -> None:
         elif inbox.is_busy:
             inbox.reply(Reply(-1) if kind % 2 else Fail(-1, "slipped", "why"), b"\xc0")
         else:
-            inbox.take()
+            inbox.next_message()
         inbox.listen()
         notes.report(session, steps.now)
-        for item in session.take_outgoing(steps.clock):
+        for item in session.pop_outgoing(steps.clock):
             assert unpack_to_central(pack_item(*item)), "nothing is said"
     inbox.close()
 
@@ -273,13 +273,15 @@ def attack_path(data: bytes) -> None:
         elif kind == 5:
             socket.arrived.append(choices.take(choices.below(40)))
         elif kind < 8 and path.is_usable:
-            asked += path.ask(Request(Send(0, "where"), b"\x07", wants_answer=True), steps.now)
+            asked += path.send_query(
+                Request(Send(0, "where"), b"\x07", wants_answer=True), steps.now
+            )
         elif kind < 10 and path.is_usable:
-            told += path.tell(Send(0, "note"), b"\x07")
+            told += path.send_inform(Send(0, "note"), b"\x07")
         elif kind == 11 and choices.is_one_in(16):
-            path.gone("it is gone", steps.now, lost=choices.is_one_in(2))
+            path.on_disconnected("it is gone", steps.now, lost=choices.is_one_in(2))
         path.receive()
-        path.tend(steps.now)
+        path.send_due(steps.now)
     path.lose_all("it is over")
     assert len(over) + len(elsewhere) == asked, "a query has two ends, or none"
     assert sum(number for _, number, _ in lost) <= told, "more is lost than was sent"

@@ -1,4 +1,4 @@
-"""Components whose statecharts run their activities on periodic threads, allocated at run time."""
+"""Components whose statecharts run activities on periodic threads, allocated at run time."""
 
 from tca_behaviours.activities.analysis import automatic as automatic
 from tca_behaviours.activities.analysis import one_each as one_each

@@ -1,30 +1,30 @@
-"""Response-time analysis of processors with fixed priorities, and the policies that allocate
-activities to them. Pure:
-from names, periods and execution times.
+"""Response-time analysis of processors with fixed priorities, and policies of allocation.
 
-A processor is schedulable if each tick ends within one period of the processor, the least of its
-activities, after it was due. In the worst case all activities are due at once. Then a processor is
-done after its own execution times and those of all that comes before it meanwhile. So the bound is
-the least R that solves
+Pure: it depends only on names, periods and execution times.
 
-    R = B + sum of its own execution times + sum over activities of higher priority: ceil(R /
-    period) * execution time
+A processor is schedulable if each tick ends within one period of the processor after it was due.
+The processor's period is the least of its activities. In the worst case all activities are due at
+once. Then a processor is done after its own execution times, and those of all activities of a
+higher priority that are due until then. The bound is the least solution R, up to its period, of
 
-up to its period. Where processors preempt each other at once B is 0, and the bound is exact. Where
-they are switched between activities, B is the longest execution time of a lower priority, which may
-just have begun; the bound is safe then, but need not be reached. Execution times alone count: none
-for switching, none for other programs.
+    R = B + sum of its own execution times
+          + sum over activities of higher priority: ceil(R / period) * execution time.
+
+If processors preempt each other at once, B is 0 and the bound is exact. If they switch only between
+activities, B is the longest execution time of a lower priority, which may just have begun. Then the
+bound is safe, but need not be reached. Only execution times count: neither the switching nor other
+programs do.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-_EXACT = 1e-9  # of a period: so much comes of rounding
+_EXACT = 1e-9  # the share of a period that rounding may cause
 
 
 class Demand(NamedTuple):
-    """What an activity needs."""
+    """The name, period and longest execution time of an activity."""
 
     name: str
     period: float
@@ -33,25 +33,30 @@ class Demand(NamedTuple):
 
 
 def period(processor: Sequence[Demand]) -> float:
-    """That of a processor: the least of its activities."""
-    return min(one.period for one in processor)
+    """The period of a processor: the least of its activities."""
+    return min(activity.period for activity in processor)
 
 
 def utilisation(activities: Sequence[Demand]) -> float:
-    """The share of time that they need."""
-    return sum(one.cost / one.period for one in activities)
+    """The share of time that activities need."""
+    return sum(activity.cost / activity.period for activity in activities)
 
 
 def response_bounds(
     processors: Sequence[Sequence[Demand]], *, preemptive: bool = False
 ) -> list[float | None]:
-    """The bound for each processor, given by the demands of its activities, the highest priority
-    first. None: it may exceed its period.
+    """The response-time bound of each processor; None if it may exceed the processor's period.
+
+    A processor is given by the demands of its activities. The highest priority comes first.
     """
     bounds = []
     for number, processor in enumerate(processors):
-        higher = [one for each in processors[:number] for one in each]
-        lower = [] if preemptive else [one for each in processors[number + 1 :] for one in each]
+        higher = [activity for each in processors[:number] for activity in each]
+        lower = (
+            []
+            if preemptive
+            else [activity for each in processors[number + 1 :] for activity in each]
+        )
         bounds.append(response_bound(processor, higher, lower))
     return bounds
 
@@ -59,14 +64,20 @@ def response_bounds(
 def response_bound(
     processor: Sequence[Demand], higher: Sequence[Demand], lower: Sequence[Demand]
 ) -> float | None:
-    """The bound for one, among activities of higher priority, and those of lower priority that
-    can't be preempted.
+    """The bound for one processor; None if it may exceed the processor's period.
+
+    *higher* are activities of higher priority, *lower* those of lower priority that can't be
+    preempted.
     """
     limit = period(processor) * (1 + _EXACT)
-    own = max((one.cost for one in lower), default=0.0) + sum(one.cost for one in processor)
-    bound = own + sum(one.cost for one in higher)
+    own = max((activity.cost for activity in lower), default=0.0) + sum(
+        activity.cost for activity in processor
+    )
+    bound = own + sum(activity.cost for activity in higher)
     while bound <= limit:
-        found = own + sum(math.ceil(bound / one.period - _EXACT) * one.cost for one in higher)
+        found = own + sum(
+            math.ceil(bound / activity.period - _EXACT) * activity.cost for activity in higher
+        )
         if found <= bound * (1 + _EXACT):
             return bound
         bound = found
@@ -77,15 +88,16 @@ def response_bound(
 
 
 def liu_layland(number: int) -> float:
-    """So many processors with rate-monotonic priorities are schedulable if they use no more than
-    this.
+    """The utilisation up to which a number of processors with rate-monotonic priorities is
+    schedulable.
     """
     return number * (2 ** (1 / number) - 1) if number else 1.0
 
 
 def is_hyperbolic(utilisations: Iterable[float]) -> bool:
-    """Whether processors that use so much each are schedulable by the hyperbolic bound, which
-    accepts more.
+    """Whether processors with these utilisations are schedulable by the hyperbolic bound.
+
+    It accepts more than the bound of Liu and Layland.
     """
     return math.prod(1 + each for each in utilisations) <= 2
 
@@ -93,41 +105,42 @@ def is_hyperbolic(utilisations: Iterable[float]) -> bool:
 # --- policies: which processor ticks which activities ---------------------------------------------
 
 Allocation = dict[str, list[str]]
-"""The names of activities in order of subscription, by processors."""
+"""The names of activities in order of subscription, by processor."""
 Policy = Callable[[Sequence[Demand]], Allocation]
 
 
 def one_for_all(activities: Sequence[Demand]) -> Allocation:
-    """One processor, in the order given."""
-    return {"all": [one.name for one in activities]}
+    """Allocate all activities to one processor, in the given order."""
+    return {"all": [activity.name for activity in activities]}
 
 
 def one_each(activities: Sequence[Demand]) -> Allocation:
-    """A processor for each activity, with its name."""
-    return {one.name: [one.name] for one in activities}
+    """Allocate each activity to a processor of its own, with its name."""
+    return {activity.name: [activity.name] for activity in activities}
 
 
 def automatic(activities: Sequence[Demand]) -> Allocation:
-    """The fewest processors that are schedulable.
+    """Allocate the activities to the fewest processors that are schedulable.
 
-    Activities are taken in rate-monotonic order: the shortest period first. Each joins the
-    processor of the one before it, unless that would not be schedulable any more. No other way to
-    cut this order into processors needs fewer: a processor that begins later has a longer period,
-    and the same activities before it. An activity that is not schedulable alone has a processor of
-    its own.
+    Activities come in rate-monotonic order: the shortest period first. Each joins the processor of
+    the one before it, unless that would not be schedulable any more. An activity that is not
+    schedulable alone gets a processor of its own.
+
+    No other way to cut this order into processors needs fewer. A processor that starts later in the
+    order has a longer period, and the same activities before it.
     """
-    order = sorted(
-        activities, key=lambda one: one.period
-    )  # stable: the order of subscription stays
+    # The sort is stable: equal periods stay in the order of subscription.
+    order = sorted(activities, key=lambda activity: activity.period)
     groups: list[list[Demand]] = []
-    begin = 0
-    for place, one in enumerate(order):
-        joined = order[begin : place + 1]
-        if groups and response_bound(joined, order[:begin], order[place + 1 :]) is not None:
-            groups[-1].append(one)
+    start = 0
+    for place, activity in enumerate(order):
+        joined = order[start : place + 1]
+        if groups and response_bound(joined, order[:start], order[place + 1 :]) is not None:
+            groups[-1].append(activity)
         else:
-            groups.append([one])
-            begin = place
+            groups.append([activity])
+            start = place
     return {
-        f"processor {number}": [one.name for one in group] for number, group in enumerate(groups, 1)
+        f"processor {number}": [activity.name for activity in group]
+        for number, group in enumerate(groups, 1)
     }

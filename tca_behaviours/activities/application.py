@@ -1,6 +1,4 @@
-"""An application: components, and the processors that tick their activities, allocated anew
-whenever it is wanted.
-"""
+"""An application: components, and the processors that tick their activities."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,7 +21,7 @@ POLICIES: dict[str, Policy] = {
     "one_each": one_each,
     "automatic": automatic,
 }
-"""By their names."""
+"""The policies, by name."""
 BY_HAND = "by hand"
 
 _Allocation = dict[Annotated[str, msgspec.Meta(min_length=1)], list[str]]
@@ -34,9 +32,22 @@ _PRIORITY = checks.whole("a whole number", -(2**63 - 1))
 class Application:
     """Components whose activities are ticked by processors, as a policy or the user allocates them.
 
-    All its methods are for any thread, and all but ``initialise`` for ticks. Changes while it runs
-    neither lose a tick nor double one. With a ``VirtualBaton`` it has no threads, and time passes
-    when its ``run`` is called.
+    Its methods can be called from any thread, and all but ``initialise`` from ticks. A change while
+    it runs neither loses a tick nor adds one. With a ``VirtualBaton`` it has no threads, and time
+    passes only in the baton's ``run``.
+
+    Args:
+        name: The name of the application.
+        components: Its components; others can be added later.
+        policy: Allocates the activities to processors: ``one_for_all`` (the default), ``one_each``,
+            ``automatic``, or a dictionary of lists of activity names, by processor.
+        baton: Runs the schedule; by default in threads.
+
+    Example::
+
+        with Application("cart", [wheel, arm], one_each).running() as application:
+            time.sleep(10.0)
+            print(application.figures())
     """
 
     def __init__(
@@ -52,8 +63,8 @@ class Application:
         self.policy = BY_HAND
         self._baton = baton or Baton()
         self._started_at = self._stopped_at = 0.0
-        self._changed: list[Callable[[], object]] = []
-        self._added: list[Callable[[Component[Any]], object]] = []
+        self._change_observers: list[Callable[[], object]] = []
+        self._add_observers: list[Callable[[Component[Any]], object]] = []
         for component in components:
             self._add(component)
         self.allocate(policy)
@@ -62,11 +73,20 @@ class Application:
         return f"Application '{self.name}'"
 
     def add(self, component: Component[Any]) -> None:
-        """One component more. The policy allocates all activities anew. Without a policy, by hand,
-        the new activities are on no processor yet.
+        """Add a component.
+
+        The policy then allocates all activities again. Without a policy (by hand), the new
+        activities are on no processor yet.
+
+        Args:
+            component: The component; its name must be new.
+
+        Raises:
+            MisuseError: Its name, or that of an activity, is in use.
+            UnsoundMachine: One of its regions can't be run.
         """
         self._add(component)
-        self._tell()
+        self._notify()
         if self.policy in POLICIES:
             self.allocate(POLICIES[self.policy])
 
@@ -81,14 +101,12 @@ class Application:
         with self._baton.changing() as schedule:
             for activity in activities:
                 schedule.add(activity)
-        self.components = {
-            **self.components,
-            component.name: component,
-        }  # other threads go through the old one
-        for function in self._added:
+        # A new dictionary: other threads may iterate over the old one.
+        self.components = {**self.components, component.name: component}
+        for function in self._add_observers:
             function(component)
 
-    # --- at work ----------------------------------------------------------------------------------
+    # --- running ----------------------------------------------------------------------------------
 
     @property
     def is_running(self) -> bool:
@@ -96,13 +114,18 @@ class Application:
         return self._baton.is_running
 
     def initialise(self) -> None:
-        """Let all components begin anew, together. Only while nothing is ticked."""
+        """Reset all components to their first states, together. Raises MisuseError while it is
+        running.
+        """
         if self.is_running:
             raise MisuseError(f"{self!r} is running: call stop() before initialise()")
         initialise(self.components.values())
 
     def start(self) -> None:
-        """Tick the activities: all are due at once. Components must have been initialised."""
+        """Start to tick the activities; all are due at once.
+
+        Raises MisuseError if a component is not initialised.
+        """
         if new := [
             component for component in self.components.values() if not component.is_initialised
         ]:
@@ -110,18 +133,18 @@ class Application:
         if not self.is_running:
             self._started_at = self._baton.clock()
         self._baton.start()
-        self._tell()
+        self._notify()
 
     def stop(self) -> None:
-        """Tick no more. The tick that runs is waited for, unless it is the one that calls this."""
+        """Stop ticking, and wait for a tick that is running, unless that tick calls this itself."""
         if self.is_running:
             self._stopped_at = self._baton.clock()
         self._baton.stop()
-        self._tell()
+        self._notify()
 
     @contextmanager
     def running(self) -> Iterator["Application"]:
-        """A block in which it runs, newly initialised."""
+        """A ``with`` block in which the application runs, newly initialised."""
         self.initialise()
         self.start()
         try:
@@ -129,26 +152,33 @@ class Application:
         finally:
             self.stop()
 
-    # --- who ticks what ---------------------------------------------------------------------------
+    # --- allocation -------------------------------------------------------------------------------
 
     @property
     def activity_names(self) -> list[str]:
-        """In the order of components, and in each in the order of its ``activities``."""
+        """The names of all activities, in the order of components, then of their ``activities``."""
         return list(self._baton.schedule.activities)
 
     def allocate(self, policy: Policy | Mapping[str, Sequence[str]]) -> None:
-        """Allocate all activities by a policy, or by hand: the names of activities in order of
-        subscription, by processors. ``automatic`` needs an execution time of each activity:
-        declared, or measured in a run before.
+        """Allocate all activities to processors.
+
+        Args:
+            policy: A policy such as ``one_each``; or a dictionary of lists of activity names, by
+                processor, each list in order of subscription. ``automatic`` needs an execution time
+                of each activity, declared, or measured in an earlier run.
+
+        Raises:
+            MisuseError: An activity is missing, unknown, allocated twice, or lacks an execution
+                time.
         """
         allocation = _checked(policy(self._demands(policy)) if callable(policy) else policy)
         _check_complete(allocation, self._baton.schedule)
-        ready = self._baton.ready(allocation)
+        prepared = self._baton.prepare(allocation)
         with self._baton.changing() as schedule:
-            _check_complete(allocation, schedule)  # by now there may be others
+            _check_complete(allocation, schedule)  # activities may have been added since
             now = self._baton.clock()
             processors = [
-                schedule.processor(name) or ready.get(name) or Processor(name, now)
+                schedule.processor(name) or prepared.get(name) or Processor(name, now)
                 for name in allocation
             ]
             for processor, activities in zip(processors, allocation.values(), strict=True):
@@ -159,40 +189,53 @@ class Application:
             self.policy = next(
                 (name for name, known in POLICIES.items() if known is policy), BY_HAND
             )
-        self._tell()
+        self._notify()
 
     def move(self, activity: str, processor: str, position: int | None = None) -> None:
-        """Let another processor tick an activity: one that is there, or a new one of that name. It
-        is subscribed last, or at a position (0 is the first). A processor without activities goes.
+        """Move an activity to another processor, or to another position.
+
+        A processor that loses its last activity is removed.
+
+        Args:
+            activity: The name of the activity.
+            processor: The name of an existing or a new processor.
+            position: The place in its order of subscription, from 0; None: the last.
+
+        Raises:
+            MisuseError: There is no such activity, or an argument does not fit.
         """
         check("move()", checks.LABEL, processor=processor)
         check("move()", _POSITION, position=position)
         with self._by_hand() as schedule:
             now = self._baton.clock()
-            one = schedule.activity(activity)
+            scheduled = schedule.activity(activity)
             schedule.put(
-                one,
+                scheduled,
                 schedule.processor(processor) or schedule.new_processor(processor, now),
                 now,
                 position,
             )
 
     def remove(self, activity: str) -> None:
-        """Nothing ticks an activity any more, until it is moved to a processor."""
+        """Remove an activity from its processor. It is not ticked until it is moved to another."""
         with self._by_hand() as schedule:
-            schedule.take_off(schedule.activity(activity))
+            schedule.unassign(schedule.activity(activity))
 
     def set_period(self, activity: str, seconds: float) -> None:
-        """Change the period of an activity. It counts from the tick before; a tick that is due
-        stays due.
+        """Change the period of an activity, in seconds.
+
+        It counts from the last tick. A tick that is due stays due. Raises MisuseError if there is
+        no such activity, or if the period is shorter than its execution time.
         """
         with self._baton.changing() as schedule:
             schedule.set_period(schedule.activity(activity), seconds, self._baton.clock())
-        self._tell()
+        self._notify()
 
     def set_priority(self, processor: str, priority: int) -> None:
-        """The higher one goes first. All begin with 0, and among equal ones the shorter period goes
-        first.
+        """Set the priority of a processor; the higher one goes first.
+
+        All start with 0. Among equal priorities the shorter period goes first. Raises MisuseError
+        if there is no such processor.
         """
         check("set_priority()", _PRIORITY, priority=priority)
         with self._by_hand() as schedule:
@@ -201,28 +244,27 @@ class Application:
             processors[processor].priority = priority
 
     def on_change(self, function: Callable[[], object]) -> None:
-        """Call a function after each change of the allocation, and after start and stop: in the
-        thread that makes the change.
+        """Call a function after each change of the allocation, and after start and stop.
+
+        It is called in the thread that makes the change.
         """
-        self._changed.append(function)
+        self._change_observers.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each component, those that are added later included: before they are
-        ticked.
-        """
-        self._added.append(function)
+        """Call a function with each component, now and when one is added, before it is ticked."""
+        self._add_observers.append(function)
         for component in self.components.values():
             function(component)
 
-    # --- what is known of it ----------------------------------------------------------------------
+    # --- reports ----------------------------------------------------------------------------------
 
     def allocation(self) -> AllocationReport:
-        """How activities are allocated now."""
+        """The present allocation of the activities."""
         with self._baton.lock:
             return allocation_report(self.name, self.policy, self.is_running, self._baton.schedule)
 
     def figures(self) -> ApplicationFigures:
-        """What was measured so far, and what analysis says."""
+        """The measured figures, and the results of the analysis."""
         with self._baton.lock:
             now = self._baton.clock()
             running_for = (now if self.is_running else self._stopped_at) - self._started_at
@@ -232,30 +274,31 @@ class Application:
 
     @contextmanager
     def _by_hand(self) -> Iterator[Schedule]:
-        """A change after which no policy says any more how activities are allocated."""
+        """A block that changes the schedule. Afterwards no policy determines the allocation."""
         with self._baton.changing() as schedule:
             yield schedule
             self.policy = BY_HAND
-        self._tell()
+        self._notify()
 
     def _demands(self, policy: Policy) -> list[Demand]:
         with self._baton.lock:
             activities = list(self._baton.schedule.activities.values())
-            costs = {one.name: one.cost for one in activities}
+            costs = {activity.name: activity.cost for activity in activities}
         unknown = [name for name, cost in costs.items() if cost is None]
         if unknown and policy is automatic:
             raise MisuseError(
-                f"'{unknown[0]}' has neither an estimate nor a measured time: declare one, or run another policy first"
+                f"'{unknown[0]}' has neither an estimate nor a measured time: "
+                "declare one, or run another policy first"
             )
         return [Demand(one.name, one.period, costs[one.name] or 0.0) for one in activities]
 
-    def _tell(self) -> None:
-        for function in self._changed:
+    def _notify(self) -> None:
+        for function in self._change_observers:
             function()
 
 
 def _checked(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
-    """One whose processors and activities have names."""
+    """Check that an allocation has the right shape."""
     try:
         return msgspec.convert(allocation, _Allocation)
     except msgspec.ValidationError as error:
@@ -264,7 +307,7 @@ def _checked(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
 
 
 def _check_complete(allocation: _Allocation, schedule: Schedule) -> None:
-    """Each activity once."""
+    """Check that each activity is allocated exactly once."""
     places = [name for names in allocation.values() for name in names]
     for name in places:
         schedule.activity(name)

@@ -1,4 +1,4 @@
-"""Ports and central's messages: how components talk to the other programs of a robot."""
+"""Connects ports with central's messages, by which components talk to other programs of a robot."""
 
 from collections import deque
 from typing import Any, TypeVar
@@ -19,13 +19,22 @@ from tca_module.log import log_of
 
 _LOG = log_of("activities")
 T = TypeVar("T")
-_MOST_WAITING = 1000
+_MAX_WAITING = 1000
 
 
 def receive(
     module: Module, message: Inform[T] | Broadcast[T] | Variable[T], port: InputPort[T]
 ) -> None:
-    """Let the data of a message arrive at an input port. *module* handles the message."""
+    """Connect a message with an input port: its data arrive there.
+
+    Args:
+        module: The module that handles the message.
+        message: An inform, broadcast or variable.
+        port: A port of the type of the message's data.
+
+    Raises:
+        MisuseError: The types differ.
+    """
     _check(message, port)
 
     @module.handles(message)
@@ -40,13 +49,24 @@ def publish(
     *,
     period: float = 0.05,
 ) -> None:
-    """Send what is set at an output port. *module* sends it, once a period, so that no tick waits
-    for central: all values; of a variable the newest. While it does not run, the newest thousand
-    wait. While central is away, the newest of a variable waits, and informs and broadcasts are
-    lost, which the module's log says.
+    """Connect an output port with a message: its values are sent.
+
+    The module sends them once a period, so that no tick waits for central. For a variable it sends
+    only the newest value. Up to 1000 values wait while the module does not run. While central is
+    away, the newest value of a variable waits. Informs and broadcasts are lost then, and the module
+    logs that.
+
+    Args:
+        module: The module that sends the message.
+        port: A port of the type of the message's data.
+        message: An inform, broadcast or variable.
+        period: Seconds between two sendings; default 0.05.
+
+    Raises:
+        MisuseError: The types differ.
     """
     _check(message, port)
-    waiting: deque[T] = deque(maxlen=_MOST_WAITING)
+    waiting: deque[T] = deque(maxlen=_MAX_WAITING)
     port.on_set(waiting.append)
 
     @module.every(period)
@@ -55,7 +75,7 @@ def publish(
             try:
                 _send(callback, message, waiting[0], is_newest=len(waiting) == 1)
             except (CentralLost, Timeout):
-                return  # it is sent when central is back
+                return  # send it when central is back
             except TcaError as error:
                 _LOG.error("a value of port %r is not sent: %s", port, error)
             waiting.popleft()
@@ -73,5 +93,5 @@ def _send(callback: Callback, message: Any, value: Any, *, is_newest: bool) -> N
 def _check(message: Any, port: InputPort[Any] | OutputPort[Any]) -> None:
     if message.data.kind != port.type:
         raise MisuseError(
-            f"{message.title} has data of type {message.data}, and port {port!r}: declare the same"
+            f"{message.title} has data of type {message.data}, but port is {port!r}: use one type"
         )

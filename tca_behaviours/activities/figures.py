@@ -1,6 +1,4 @@
-"""Reports of an application, from its schedule: how it is allocated, what was measured, and what
-analysis says.
-"""
+"""Reports of an application, from its schedule: allocation, measurements, analysis."""
 
 from collections.abc import Sequence
 
@@ -16,27 +14,32 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
-"""Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
+"""How long a late tick overrules the analysis: in seconds and in periods; the longer counts."""
 
 
 def allocation_report(
     application: str, policy: str, is_running: bool, schedule: Schedule
 ) -> reports.AllocationReport:
-    """How the activities are allocated."""
+    """The allocation of the activities."""
     processors = [
         reports.ProcessorEntry(
-            one.name, one.priority, one.period, [_entry(each) for each in one.activities]
+            processor.name,
+            processor.priority,
+            processor.period,
+            [_entry(activity) for activity in processor.activities],
         )
-        for one in schedule.processors
+        for processor in schedule.processors
     ]
-    unallocated = [_entry(one) for one in schedule.activities.values() if one.processor is None]
+    unallocated = [
+        _entry(activity) for activity in schedule.activities.values() if activity.processor is None
+    ]
     return reports.AllocationReport(application, policy, is_running, processors, unallocated)
 
 
 def application_figures(
     application: str, running_for: float, now: float, schedule: Schedule
 ) -> reports.ApplicationFigures:
-    """What was measured, and what analysis says."""
+    """The measurements, and the results of the analysis."""
     demands = [
         demand for one in schedule.processors if (demand := _demands(one.activities)) is not None
     ]
@@ -63,54 +66,54 @@ def application_figures(
 
 
 def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
-    """None while one is not known."""
+    """The demands of activities; None while an execution time is unknown."""
     known = [Demand(one.name, one.period, one.cost) for one in activities if one.cost is not None]
     return known if len(known) == len(activities) else None
 
 
-def _entry(one: ScheduledActivity) -> reports.ActivityEntry:
+def _entry(activity: ScheduledActivity) -> reports.ActivityEntry:
     return reports.ActivityEntry(
-        one.name, one.activity.component, one.period, one.activity.estimate
+        activity.name, activity.activity.component, activity.period, activity.activity.estimate
     )
 
 
-def _activity(one: ScheduledActivity) -> reports.ActivityFigures:
-    did, left_out = one.execution, one.release.left_out
+def _activity(activity: ScheduledActivity) -> reports.ActivityFigures:
+    execution, left_out = activity.execution, activity.release.left_out
     return reports.ActivityFigures(
-        one.name,
-        did.ticks,
-        one.release.missed - left_out,
+        activity.name,
+        execution.ticks,
+        activity.release.missed - left_out,
         left_out,
-        did.errors,
-        did.error,
-        did.mean,
-        did.longest,
-        one.times.response,
-        one.times.jitter,
+        execution.errors,
+        execution.error,
+        execution.mean,
+        execution.longest,
+        activity.times.response,
+        activity.times.jitter,
     )
 
 
 def _processor(
-    schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float
+    schedule: Schedule, processor: Processor, bound: float | None, is_known: bool, now: float
 ) -> reports.ProcessorFigures:
-    """Measurement overrules analysis, unless the last late tick was long ago."""
-    jitter = max((each.times.jitter for each in one.activities), default=0.0)
-    margin = one.period - bound if bound is not None else None
+    """The figures of a processor. A recent late tick overrules the analysis."""
+    jitter = max((each.times.jitter for each in processor.activities), default=0.0)
+    margin = processor.period - bound if bound is not None else None
     verdict = bound is not None if is_known else None
     last_late, refuted = None, ""
-    if late := schedule.last_late(one, bound or one.period, now):
+    if late := schedule.last_late(processor, bound or processor.period, now):
         last_late = now - late[0]
-        if verdict is not False and last_late <= max(_RECENT, _RECENT_PERIODS * one.period):
+        if verdict is not False and last_late <= max(_RECENT, _RECENT_PERIODS * processor.period):
             took = f"{duration(late[1])} from due to done {duration(last_late)} ago"
-            limit = f"the {'bound' if bound else 'period'} is {duration(bound or one.period)}"
+            limit = f"the {'bound' if bound else 'period'} is {duration(bound or processor.period)}"
             verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
     return reports.ProcessorFigures(
-        one.name,
-        one.ticks,
-        one.load.share(now),
-        one.times.response,
+        processor.name,
+        processor.ticks,
+        processor.load.share(now),
+        processor.times.response,
         jitter,
-        one.overruns,
+        processor.overruns,
         bound,
         margin,
         verdict,

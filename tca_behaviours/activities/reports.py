@@ -1,12 +1,12 @@
-"""What an application tells of itself: its allocation, and figures measured and computed. All times
-are in seconds.
+"""Reports of an application: its allocation, and measured and computed figures. Times are in
+seconds.
 """
 
 import msgspec
 
 
 class ActivityEntry(msgspec.Struct, frozen=True):
-    """An activity as it is ticked."""
+    """An activity, as it is ticked."""
 
     name: str
     component: str
@@ -22,55 +22,48 @@ class ProcessorEntry(msgspec.Struct, frozen=True):
     priority: int
     """The higher one goes first; among equal ones the shorter period."""
     period: float
-    """The least of its activities."""
+    """The least period of its activities."""
     activities: list[ActivityEntry]
 
 
 class AllocationReport(msgspec.Struct, frozen=True):
-    """The processors, the first of which goes first."""
+    """The processors, in the order in which they go."""
 
     application: str
     policy: str
     is_running: bool
     processors: list[ProcessorEntry]
     unallocated: list[ActivityEntry]
-    """On no processor, so that nothing ticks them."""
+    """The activities on no processor, which are not ticked."""
 
 
 class ActivityFigures(msgspec.Struct, frozen=True):
-    """What was measured of an activity."""
+    """The measured figures of an activity."""
 
     name: str
     ticks: int
     overruns: int
-    """Ticks that ended after the next was due."""
+    """The number of ticks that ended after the next was due."""
     left_out: int
-    """Times at which it was due and not ticked, as the tick before had not begun yet, or took too
-    long.
-    """
+    """How often it was due and not ticked: the tick before had not begun, or took too long."""
     errors: int
-    """Ticks that raised."""
+    """The number of ticks that raised an exception."""
     error: str
-    """The last error."""
+    """The last exception."""
     mean: float
-    """Execution time."""
+    """The mean execution time."""
     longest: float
-    """Execution time."""
+    """The longest execution time."""
     response: float
-    """The longest time from being due to the end of the tick, since the last change of the
-    allocation.
-    """
+    """The longest time from due to done, since the last change of the allocation."""
     jitter: float
-    """The longest less the shortest time from being due to the beginning, since the last change of
-    the allocation.
-    """
+    """The longest minus the shortest delay from due to started, since the last change."""
 
 
 class ProcessorFigures(msgspec.Struct, frozen=True):
-    """What was measured of a processor since the last change of the allocation, and what analysis
-    says of it.
+    """The figures of a processor since the last change of the allocation, and its analysis.
 
-    Analysis says nothing (None) while an execution time is neither declared nor measured.
+    The analysis yields None while an execution time is neither declared nor measured.
     """
 
     name: str
@@ -82,41 +75,37 @@ class ProcessorFigures(msgspec.Struct, frozen=True):
     overruns: int
     """Ticks that ended later than one period of the processor after they were due."""
     bound: float | None
-    """Of the response time. None, too, where there is none within the period."""
+    """The bound of the response time. None, too, if it exceeds the period."""
     margin: float | None
     """The period less the bound."""
     is_schedulable: bool | None
-    """By the analysis, unless a recent tick has refuted it."""
+    """The verdict of the analysis, unless a recent tick has refuted it."""
     refuted: str = ""
-    """The tick of the last 10 s, or 100 periods, that ended later than the bound, or than the
-    period if there is none:
-    in words; empty: none did.
+    """The tick of the last 10 s, or 100 periods, that exceeded the bound, or else the period.
+
+    "" if there was none.
     """
     last_late: float | None = None
-    """Seconds since the last such tick, however long ago; None: there was none."""
+    """Seconds since the last late tick, however long ago; None: there was none."""
 
 
 class ApplicationFigures(msgspec.Struct, frozen=True):
-    """Figures of an application that runs, or has run."""
+    """The figures of an application that runs, or has run."""
 
     application: str
     running_for: float
     load: float
-    """Measured, of the last second."""
+    """The measured load of the last second."""
     utilisation: float | None
-    """By the analysis: the sum of execution times, each divided by its period."""
+    """The sum of execution times, each divided by its period."""
     liu_layland: float
-    """Preemptive processors that use no more than this are schedulable by rate-monotonic
-    priorities.
-    """
+    """The utilisation up to which preemptive, rate-monotonic processors are schedulable."""
     is_hyperbolic: bool | None
-    """Whether they are by the hyperbolic bound, which accepts more."""
+    """Whether they are schedulable by the hyperbolic bound, which accepts more."""
     is_schedulable: bool | None
     processors: list[ProcessorFigures]
     activities: list[ActivityFigures]
     held_by: str = ""
-    """An activity whose tick has run for more than a second: nothing else is ticked until it
-    ends.
-    """
+    """The activity whose tick has run for over a second: until its end, nothing else is ticked."""
     refuted: str = ""
-    """The first processor that measurement refutes, in words."""
+    """The first processor whose analysis a measurement has refuted, with the reason."""

@@ -1,4 +1,4 @@
-"""Likelihoods from earlier runs: how often each transition was taken, by their journals."""
+"""Likelihoods from earlier runs: how often each transition was taken, read from their journals."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -13,24 +13,28 @@ from tca_wire.journal.facts import Entry, FormatDefined, Received, StateChanged
 def count_transitions(
     journals: Iterable[Path | str | Iterable[Entry]], chart: MachineChart
 ) -> dict[tuple[str, str], int]:
-    """How often each state of a machine was left by each symbol, by (label, symbol): for
-    ``Learned``. Runs of another machine do not count, nor do transitions that this one has not.
+    """Count how often each state of a machine was left by each symbol, for ``Learned``.
 
-    ::
+    Runs of other machines do not count, nor do transitions that this machine does not have.
+
+    Args:
+        journals: Journals of earlier runs: their folders, their segments, or their entries.
+        chart: The structure of the machine, such as ``Coordinator(machine).chart``.
+
+    Returns:
+        The counts by (label of the state, symbol of the transition).
+
+    Example::
 
         counts = count_transitions(Path("journals").iterdir(), Coordinator(deliver).chart)
-
-    *journals*: folders or segments, or their entries.
+        here.to(there, likelihood=Learned(counts))
     """
-    labels, symbols = (
-        {state.label for state in chart.states},
-        {arrow.symbol for arrow in chart.arrows},
-    )
+    labels = {state.label for state in chart.states}
+    symbols = {arrow.symbol for arrow in chart.arrows}
     counts: Counter[tuple[str, str]] = Counter()
     for journal in journals:
-        for run, report in _reports(
-            Log(Path(journal)) if isinstance(journal, Path | str) else journal
-        ):
+        entries = Log(Path(journal)) if isinstance(journal, Path | str) else journal
+        for run, report in _reports(entries):
             if (
                 run.name == chart.name
                 and report.taken in symbols
@@ -41,7 +45,7 @@ def count_transitions(
 
 
 def _reports(entries: Iterable[Entry]) -> Iterator[tuple[MachineChart, CoordinationReport]]:
-    """What the coordinators of a run have reported, each with its machine."""
+    """The reports of the coordinators in a journal, each with its machine."""
     formats: dict[str, str] = {}
     charts: dict[int, MachineChart] = {}
     for entry in entries:

@@ -1,6 +1,4 @@
-"""The status codes of a run of a task, and what is said of it: while it runs, at its end, as a
-failure.
-"""
+"""The status codes of a run of a task, and the data of its end, its progress and its failures."""
 
 from enum import IntEnum
 
@@ -10,7 +8,7 @@ from tca_module import Failure
 
 
 class Status(IntEnum):
-    """The status of a run. The end of a run carries the mask TERMINATED beside its status: ``code &
+    """The status of a run. Its end carries the mask TERMINATED beside the status: ``code &
     TERMINATED``.
     """
 
@@ -28,24 +26,24 @@ class Status(IntEnum):
 
     @classmethod
     def of(cls, code: int) -> "Status":
-        """The status in a code, without the mask."""
+        """The status in a code, without the mask TERMINATED."""
         return cls(code & ~cls.TERMINATED) if code != cls.TERMINATED else cls.TERMINATED
 
 
 class TaskEnd(msgspec.Struct, frozen=True):
-    """The result of a run that was completed."""
+    """The result of a completed run."""
 
     status: int
     """COMPLETED, with the mask TERMINATED."""
     text: str = ""
-    """The last that the task said of itself."""
+    """The last text that the task reported."""
     overruns: int = 0
-    """Number of periods that were missed, because an iteration took too long."""
+    """The number of periods that were missed because an iteration took too long."""
 
     def __repr__(self) -> str:
         try:
             status = Status.of(self.status).name
-        except ValueError:  # of a server that has more of them
+        except ValueError:  # a newer server may have more status codes
             status = str(self.status)
         return f"TaskEnd(status={status}, text={self.text!r}, overruns={self.overruns})"
 
@@ -54,14 +52,14 @@ class TaskStatus(msgspec.Struct, frozen=True, omit_defaults=True):
     """The progress of a run."""
 
     text: str = ""
-    """What it says of itself."""
+    """The newest text that the task reported."""
     overruns: int = 0
-    """Number of periods that were missed so far."""
+    """The number of periods that were missed so far."""
     status: int = Status.RUNNING
 
 
 MISSION_TASK_FAILED = Failure("mission task failed")
-"""``iterate`` or ``terminate`` returned or reported a failure; the text says why."""
+"""``iterate`` or ``terminate`` failed; the text gives the reason."""
 MISSION_TASK_TIMEOUT = Failure("mission task timeout", kind_of=MISSION_TASK_FAILED)
 """The task ran longer than its ``task_timeout``."""
 MISSION_TASK_INITIALISATION_FAILED = Failure(
@@ -69,7 +67,7 @@ MISSION_TASK_INITIALISATION_FAILED = Failure(
 )
 """``initialise`` failed; neither ``iterate`` nor ``terminate`` ran."""
 
-_OF_FAILURES = {
+_STATUS_OF_FAILURE = {
     MISSION_TASK_TIMEOUT.name: Status.TIMEOUT,
     MISSION_TASK_INITIALISATION_FAILED.name: Status.INITIALISATION_FAILED,
     "timeout": Status.TIMEOUT,
@@ -79,4 +77,4 @@ _OF_FAILURES = {
 
 def status_of(failure: str) -> Status:
     """The status of a run that ended with the failure of that name."""
-    return _OF_FAILURES.get(failure, Status.FAILED)
+    return _STATUS_OF_FAILURE.get(failure, Status.FAILED)

@@ -1,3 +1,4 @@
-"""State machines: how they are written, what is refused, and the interpreter that is
-python-statemachine. Missions, coordination and activities build on them.
+"""State machines: how they are written and checked, and the python-statemachine interpreter.
+
+Missions, coordination and activities build on them.
 """

@@ -1,5 +1,6 @@
-"""Machines as statecharts of python-statemachine, whose rules (SCXML) decide what is entered and
-left.
+"""Machines as statecharts of python-statemachine.
+
+The library's rules (SCXML) decide which states are entered and left.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,12 +17,12 @@ except ImportError:
 
 
 class LibraryChart(Generic[S]):
-    """A statechart by the definition that a subclass makes: it calls the steps ``enter`` and
-    ``exit`` of its states.
+    """A statechart with the definition that a subclass makes. It calls ``enter`` and ``exit`` of
+    states.
     """
 
     def __init__(self, states: Sequence[S]) -> None:
-        """*states*: all, in the order in which they are written."""
+        """*states*: all states, in writing order."""
         self._names = {state: f"s{number}" for number, state in enumerate(states)}
         self._chart: Any = None
 
@@ -29,18 +30,19 @@ class LibraryChart(Generic[S]):
         self._class: Any = create_machine_class_from_definition(
             "Machine",
             definition,
-            catch_errors_as_events=False,  # they stop the machine
-            # how a machine is checked is said in soundness.py, in words of those who write one
+            catch_errors_as_events=False,  # errors stop the machine
+            # soundness.py makes these checks instead, and its errors name the user's states
             validate_trap_states=False,
             validate_disconnected_states=False,
             validate_final_reachability=False,
         )
         for order, state in enumerate(_in_order(self._class.states), 1):
-            state.document_order = order  # the library counts brothers of a container anew (3.2)
+            state.document_order = order  # version 3.2 counts from 1 again in each container
 
     def begin(self) -> None:
-        """Enter the first states. One that has ended is made anew; that takes ten times as long as
-        to begin again.
+        """Enter the first states.
+
+        A chart that has ended is recreated. One that has not is reset, which is ten times as fast.
         """
         if self._chart is None or self._chart.is_terminated:
             self._chart = self._class()
@@ -49,18 +51,18 @@ class LibraryChart(Generic[S]):
             self._chart.activate_initial_state()
 
     def send(self, event: str) -> None:
-        """Let an event lead where it does; and then what follows from that without any."""
+        """Process an event, and all transitions that follow from it without another event."""
         self._chart.send(event)
 
     @property
     def active(self) -> list[S]:
-        """The active states, in the order in which they are written."""
+        """The active states, in writing order."""
         names = self._active_names
         return [state for state, name in self._names.items() if name in names]
 
     @property
     def _active_names(self) -> Any:
-        assert self._chart is not None, "begin() comes first"
+        assert self._chart is not None, "call begin() first"
         return self._chart.configuration_values
 
 
@@ -71,42 +73,43 @@ def _in_order(states: Any) -> Iterator[Any]:
 
 
 class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
-    """A machine of events at work. A leaf is an atomic state and a compound a compound state, with
-    their final states.
+    """Runs a machine of events. A leaf is an atomic state, a compound a compound state of the
+    library.
 
-    It runs to completion: the end of a compound may follow from an event, and that of another from
-        that.
+    An event runs to completion: it may end a compound, and that in turn the compound around it.
     """
 
     def __init__(self, states: Sequence[S]) -> None:
         super().__init__(states)
         events = dict.fromkeys(arrow.event for state in states for arrow in state.arrows)
-        self._events = {
-            event: f"e{number}" for number, event in enumerate(events)
-        }  # users' may have any name
+        # The library allows only some names of events; the user's may be any.
+        self._events = {event: f"e{number}" for number, event in enumerate(events)}
         self._now: Any = None
         self._taken: list[A] = []
         tops = [state for state in states if state.parent not in self._names]
         self._compile(
-            {self._names[state]: self._defined(state, is_first=state is tops[0]) for state in tops}
+            {
+                self._names[state]: self._definition_of(state, is_first=state is tops[0])
+                for state in tops
+            }
         )
 
     def take(self, event: str, now: Any = None) -> Sequence[A]:
-        """Tell it of an event; guards look at *now*. The arrows that were taken."""
+        """Process an event; guards read *now*. Returns the arrows that were taken."""
         self._now, self._taken = now, []
         if event in self._events:
             self.send(self._events[event])
         return self._taken
 
-    # --- its definition ---------------------------------------------------------------------------
+    # --- the definition for the library -----------------------------------------------------------
 
-    def _defined(self, state: State[S, A], *, is_first: bool) -> dict[str, Any]:
+    def _definition_of(self, state: State[S, A], *, is_first: bool) -> dict[str, Any]:
         is_end_of_compound = state.kind is StateKind.FINAL and state.parent in self._names
         defined: dict[str, Any] = {"initial": is_first, "final": is_end_of_compound}
         defined |= {"enter": state.entry, "exit": state.exit}
         if state.children:
             defined["states"] = {
-                self._names[child]: self._defined(child, is_first=child is state.children[0])
+                self._names[child]: self._definition_of(child, is_first=child is state.children[0])
                 for child in state.children
             }
         on: dict[str, list[dict[str, Any]]] = {}

@@ -1,4 +1,4 @@
-"""Machines that are written inside a ``with`` block, and checked at the end of that."""
+"""Machines that are written inside a ``with`` block, and checked at its end."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -15,41 +15,39 @@ from tca_wire.text.printable import shortened
 B = TypeVar("B", bound="BlockState[Any, Any]")
 
 _LONGEST = 48
-"""Characters that a line of a state has in the structure of its machine."""
+"""The most characters of a line of a state in a picture."""
 
 
 class BlockState(State[B, A]):
-    """A state that holds, if it is a container, those that are written inside its ``with``
-    block.
-    """
+    """A state. If it is a container, it holds the states written inside its ``with`` block."""
 
     def __init__(self, kind: StateKind, label: str, parent: B | None) -> None:
         super().__init__(kind, label, parent)
         self.open: list[B] = parent.open if parent is not None else []
-        """The containers of its machine that are being written, innermost last."""
+        """The containers of the machine whose blocks are open, innermost last."""
 
     def __enter__(self) -> Self:
         if self.number != -1 or self.children or not self.kind.is_container:
-            raise MisuseError(f"{self!r} is written in one with block; make another one")
+            raise MisuseError(f"{self!r} can't be opened here: make a new container")
         self.open.append(cast("B", self))
         return self
 
     def __exit__(self, *_: object) -> None:
         self.open.pop()
 
-    def lead(self, arrow: A) -> A:
-        """Add a transition that leads out of it. Raises MisuseError once the machine is built."""
+    def add_arrow(self, arrow: A) -> A:
+        """Add a transition that leads out of this state. Raises MisuseError once the machine is
+        built.
+        """
         if self.number != -1:
             raise MisuseError(
                 f"{self!r} is built: write its transitions inside the machine's with block"
             )
-        return super().lead(arrow)
+        return super().add_arrow(arrow)
 
 
 class BlockMachine(ABC, Generic[B]):
-    """A machine whose states are written inside its ``with`` block; the first one is entered
-    first.
-    """
+    """A machine whose states are written inside its ``with`` block. The first is entered first."""
 
     def __init__(self, name: str, root: B) -> None:
         """*root*: the container that is the whole machine."""
@@ -71,7 +69,7 @@ class BlockMachine(ABC, Generic[B]):
     def _place(self, label: object) -> B:
         """The container in which a state of this label is written."""
         if not self.root.open:
-            raise MisuseError(f"{self!r}: its states are written inside its with block")
+            raise MisuseError(f"{self!r}: write its states inside its with block")
         check(self, LABEL, label=label)
         if label in self._labelled:
             raise UnsoundMachine(
@@ -79,20 +77,20 @@ class BlockMachine(ABC, Generic[B]):
             )
         return cast("B", self.root.open[-1])
 
-    def _added(self, state: B) -> B:
+    def _register(self, state: B) -> B:
         self._labelled[state.label] = state
         return state
 
     @property
     def states(self) -> list[B]:
-        """All states, by their numbers. Raises MisuseError while the machine is being written."""
+        """All states, by number. Raises MisuseError while the machine is being written."""
         if not self._states:
-            raise MisuseError(f"{self!r} is not built: that happens at the end of its with block")
+            raise MisuseError(f"{self!r} is not built yet: use it after its with block")
         return self._states
 
     @property
     def chart(self) -> MachineChart:
-        """Its structure as data. Raises MisuseError while the machine is being written."""
+        """The machine as data. Raises MisuseError while the machine is being written."""
         return chart_of(self.name, self.states)
 
     def _build(self) -> None:
@@ -116,14 +114,14 @@ class BlockMachine(ABC, Generic[B]):
             raise MisuseError(error.message) from None
 
     def _numbered(self) -> list[B]:
-        """The states that the chart has, in their order."""
+        """The states in the order of their numbers."""
         return list(self.root.all())
 
     @abstractmethod
     def _check(self, states: list[B]) -> None:
-        """Raises UnsoundMachine if it can't be run."""
+        """Raise UnsoundMachine if the machine can't be run."""
 
 
 def line(text: str) -> str:
-    """A line of what a state does, for its chart."""
+    """Shorten a line that says what a state does, for pictures."""
     return shortened(text, _LONGEST)

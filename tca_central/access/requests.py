@@ -11,7 +11,7 @@ from typing import Never, TypeVar, cast
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, Holder, Module
-from tca_central.model.tasks import KeptTask, Task
+from tca_central.model.tasks import Task, TaskRecord
 from tca_central.state import State
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
@@ -122,7 +122,7 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
         raise forbidden(connection, f"see task {number}, which was not its own")
 
 
-def _may_see_record(connection: Connection, record: KeptTask) -> bool:
+def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
     is_own = any(module.principal == connection.principal for module in record.keeping.by)
     return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
 

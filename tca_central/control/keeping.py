@@ -9,7 +9,7 @@ references were released.)
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Module
-from tca_central.model.tasks import Keeping, KeptTask, Task
+from tca_central.model.tasks import Retention, Task, TaskRecord
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -42,13 +42,13 @@ def check_room(central: State) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
+def keep(central: State, task: Task | TaskRecord | None, module: Module) -> None:
     """Retain a task, or its record, for a module, unless it does so already."""
     assert task is not None
     if task.id in module.keeps:
         return
     check_room(central)
-    Keeping.of(task).by[module] = None
+    Retention.of(task).by[module] = None
     module.keeps[task.id] = None
     central.memory.promises += 1
     central.facts.append(facts.Kept(task.id, module.name))
@@ -62,7 +62,7 @@ def release(central: State, task_id: int, module: Module) -> None:
     central.memory.promises -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
     record = central.memory.kept.get(task_id)
-    keeping = Keeping.of(record or central.tree.tasks[task_id])
+    keeping = Retention.of(record or central.tree.tasks[task_id])
     del keeping.by[module]
     if record is not None and not keeping.by:
         _drop(central, record)
@@ -74,13 +74,13 @@ def release_all(central: State, module: Module) -> None:
         release(central, task_id, module)
 
 
-def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
+def retain_or_drop(central: State, task: Task, keeping: Retention) -> None:
     """Record an ended task if it is retained; else drop the records under it."""
     if not keeping.by:
         for record in list(keeping.records.values()):
             _drop(central, record)
         return
-    record = KeptTask(task, central.outcome(task), keeping)
+    record = TaskRecord(task, central.outcome(task), keeping)
     record.siblings[record.id] = record
     central.memory.kept[record.id] = record
     central.memory.kept_bytes += record.size
@@ -88,7 +88,7 @@ def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
         _drop(central, next(iter(central.memory.kept.values())))
 
 
-def _drop(central: State, record: KeptTask) -> None:
+def _drop(central: State, record: TaskRecord) -> None:
     """Drop a record, and all under it."""
     record.siblings.pop(record.id)
     forgotten = [record]

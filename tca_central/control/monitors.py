@@ -17,7 +17,7 @@ from tca_central.failing.failures import fail_task, kill, raise_failure
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection
 from tca_central.model.tasks import Task, Verdict, Watch
-from tca_central.outgoing.central_messages import data_for, make, make_delivery, why_kept_out
+from tca_central.outgoing.central_messages import data_for, make, make_delivery, reason_to_refuse
 from tca_central.state import State
 from tca_central.watching.watches import end_monitor, enlist_monitor, stop_watching
 from tca_wire.journal import facts
@@ -77,11 +77,13 @@ def start(central: State, task: Task) -> None:
         central.agenda.mark_started(task)
         return
     if watch.is_over:  # a retry
-        watch = task.watch = Watch(task, watch.options, watch.parts, is_guest=watch.is_guest)
+        watch = task.watch = Watch(
+            task, watch.options, watch.parts, is_foreign_monitor=watch.is_foreign_monitor
+        )
         enlist_monitor(central, task)
     watch.began = watch.since = central.clock.now
     central.agenda.mark_started(task)
-    central.begin(task)
+    central.accept_for_handler(task)
     central.agenda.tap_events.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:
@@ -91,7 +93,7 @@ def start(central: State, task: Task) -> None:
     if not message_class.has_condition:
         if (set_up := watch.parts[_FIRST]) is not None:
             make(central, set_up, data_for(set_up, task.body), task, Role.SET_UP, context=watch)
-    elif message_class.is_aside and options.initial_wait:
+    elif message_class.is_outside_sequence and options.initial_wait:
         _test_later(central, watch)
     else:
         _test(central, watch)
@@ -140,7 +142,7 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
     A suspended polling monitor delays the test until it is resumed. If its condition can't be asked
     it waits for the next period.
     """
-    if not watch.activations or (watch.task.message.is_aside and watch.task.suspended):
+    if not watch.activations or (watch.task.message.is_outside_sequence and watch.task.suspended):
         return False
     watch.since = central.clock.now
     _test(central, watch)
@@ -148,7 +150,7 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
     return True
 
 
-def go_on(central: State, task: Task) -> None:
+def proceed(central: State, task: Task) -> None:
     """A monitor is resumed: it tests now if it was fired while suspended."""
     watch = _watch_of(task)
     if watch.is_on and watch.condition is None:
@@ -159,10 +161,10 @@ def _test(central: State, watch: Watch) -> None:
     """Ask the condition."""
     query, task = watch.parts[_FIRST], watch.task
     assert query is not None
-    if task.message.is_aside:
+    if task.message.is_outside_sequence:
         _test_later(central, watch)
-    if why := why_kept_out(central, query, data_for(query, task.body)):
-        if not task.message.is_aside:  # a point monitor has no later test
+    if why := reason_to_refuse(central, query, data_for(query, task.body)):
+        if not task.message.is_outside_sequence:  # a point monitor has no later test
             stop_watching(central, watch, "its condition could not be asked")
             text = f"its condition '{query.name}' could not be asked: {why}"
             fail_task(central, task, RaisedFailure(OVERLOAD, text))
@@ -184,7 +186,7 @@ def on_condition_answered(
     """
     watch.condition = None
     task = watch.task
-    is_point = not task.message.is_aside
+    is_point = not task.message.is_outside_sequence
     if answer.outcome is not Outcome.DONE:
         text = f"its condition: {answer.text}" if answer.text else "its condition failed"
         failure = RaisedFailure(answer.failure, text, body, kinds)
@@ -210,7 +212,7 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
     action = watch.parts[_ACTION]
     if action is not None:
         body = data_for(action, body)
-        if action.message_class.is_task and central.keep_out(
+        if action.message_class.is_task and central.is_refused_for_lack_of_memory(
             f"action '{action.name}' of {watch.task}", body
         ):
             return
@@ -312,7 +314,7 @@ def on_watched(central: State, watch: Watch) -> None:
 
 def end_watchers(central: State, task: Task) -> None:
     """A task waits only for monitors that are not waited for: end them."""
-    for child in list((task.children or {}).values()) if task.watches_alone else ():
+    for child in list((task.children or {}).values()) if task.has_only_watchers_left else ():
         is_to_begin = child.retrying or not child.reached & START_HANDLING
         if is_to_begin and (child.held or child.suspended):
             kill(central, child, Verdict(_ALL_ELSE))

@@ -27,7 +27,7 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, text: str) -> None:
     """Revoke a claim. If its handler has returned, raise `failure` on the task."""
     revoke(central, claim, why, text)
-    if (task := keeper_of(claim)) is not None:
+    if (task := task_holding(claim)) is not None:
         _raise_loss(
             central,
             task,
@@ -41,7 +41,7 @@ def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
         _raise_loss(central, task, RaisedFailure(LOCK_LOST, text))
 
 
-def keeper_of(claim: ModuleClaim) -> Task | None:
+def task_holding(claim: ModuleClaim) -> Task | None:
     """The task whose end alone ends a claim; None unless the handler that made it has returned."""
     holder = claim.holder
     return holder if isinstance(holder, Task) and holder.slot is None else None

@@ -65,7 +65,7 @@ class PendingKill(Stored):
     def __init__(self, task: Task, scope: Scope, delay: float, verdict: Verdict) -> None:
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
-    def go_on(self, central: State) -> None:
+    def proceed(self, central: State) -> None:
         """The point is reached: kill at once, or after the delay."""
         if not self.delay:
             self.carry_out(central)
@@ -130,7 +130,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     else:
         if header.delay:
             _record_plan(central, pending, None)
-        pending.go_on(central)
+        pending.proceed(central)
     central.accept(connection, header.number, header.task)
 
 
@@ -210,7 +210,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
 # --- on termination (TDL: ON TERMINATE) -----------------------------------------------------------
 
 
-def check_farewell(message: MessageType, task_id: int) -> None:
+def check_termination_message(message: MessageType, task_id: int) -> None:
     """Raise RequestError if the message can't be sent on the termination of that task."""
     if not (message.message_class.is_task and message.message_class.may_react):
         text = f"{message.title} can't be sent on termination: goals and commands can"
@@ -220,7 +220,9 @@ def check_farewell(message: MessageType, task_id: int) -> None:
         raise RequestError(Refusal.PROTOCOL, text)
 
 
-def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
+def store_termination_message(
+    central: State, task: Task, message: MessageType, body: bytes
+) -> None:
     """Store a message to send when the task is killed.
 
     If the task was killed and its handler still runs, send the message now.
@@ -234,10 +236,10 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
         return
-    farewells = Plans.of(task).farewells
-    if len(farewells) >= MOST_TERMINATION_MESSAGES:
+    termination_messages = Plans.of(task).termination_messages
+    if len(termination_messages) >= MOST_TERMINATION_MESSAGES:
         text = f"{MOST_TERMINATION_MESSAGES} messages are stored for its termination already"
         raise RequestError(Refusal.OVERLOAD, f"{task}: {text}")
-    farewells.append((message, body))
+    termination_messages.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(task.id, message.name, body))

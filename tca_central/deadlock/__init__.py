@@ -1,1 +1,1 @@
-"""Waits that can never end: the search for them in the graph of needs, and the remedy."""
+"""Deadlocks: waits that can never end."""

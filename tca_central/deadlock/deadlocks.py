@@ -1,24 +1,23 @@
-"""Deadlocks: waits that can never end, found when they begin and ended with a failure that names
-the circle.
+"""Deadlocks: waits that can never end. They end with a failure that names the cycle.
 
-Theory of operation. search.py says what in the graph of needs can never come about: what waits, in
-the end, for itself. Of such a circle the newest wait of a handler is refused ("deadlock"), and the
-handler gets an error. Where only tasks wait for each other, the failure is raised on one that keeps
-a lock or reservation, and that is taken away if no exception handler helps. It is taken away at
-once if an exception handler, or what leaves things safe, waits in the circle: those go first.
+Theory of operation. search.py finds nodes of the graph of needs that can never come about, because
+they wait, in the end, for themselves. The newest wait of a handler in such a cycle is refused
+("deadlock"), and the handler gets an error. If only tasks wait for each other, the failure is
+raised on a task that holds a lock or reservation. If no exception handler helps, the lock is
+revoked. If an exception handler, or a message that leaves things safe, waits in the cycle, the lock
+is revoked at once: these have priority.
 
-Central searches from a wait that has just begun, and from a message that was just queued. Whatever
-else may close a circle (a subtask, a constraint, a lost slot) is found shortly after, by a look at
-all that blocks. A search that has looked at enough for one event goes on in later looks, so that
-central is never held up. Each circle has the wait of a handler in it, or something locked: nobody
-waits for what a mere client waits for.
+Central searches at once from a new wait of a connection and from a queued message. Other changes (a
+subtask, a constraint, a lost slot) may close a cycle too. A search of everything that blocks finds
+these shortly after. It works in slices, so that central is never held up. Each cycle contains the
+wait of a handler, or something locked: nothing waits for what a mere client waits for.
 """
 
 from itertools import pairwise
 
 from msgspec.structs import replace
 
-from tca_central.control.revoking import keeper_of, revoke_and_warn
+from tca_central.control.revoking import revoke_and_warn, task_holding
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import revoke
@@ -41,27 +40,27 @@ from tca_wire.vocabulary import Dropping, Due, Refusal, Role
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 PATIENCE = 1000
-"""Edges of the graph that are looked at in an event in which something begins to wait."""
+"""Edges visited in the event in which a wait begins."""
 
 SLICE = 2000
-"""Edges that are looked at in one later look: some milliseconds, four times a second."""
+"""Edges visited in one slice of a later search: some milliseconds, four times a second."""
 
 _CLOSES_NOTHING = {facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan}
-"""After these nothing waits that did not before, or else it is among the suspects."""
+"""Facts that begin no wait, or whose waits are among the suspects anyway."""
 
-_SHOWN = 12  # parts of a circle that the error names
+_SHOWN = 12  # parts of a cycle that the error names
 
 Kept = dict[ModuleClaim, Task]
-"""Claims, and the task whose end alone ends each."""
+"""Claims, each with the task whose end alone releases it."""
 
 
 class DeadlockScan:
-    """A look at all that blocks, in slices."""
+    """A search of everything that blocks, in slices."""
 
     def __init__(self, central: State) -> None:
         self.search = Search(central, SLICE, list)
         self.starts: list[Node | Connection] = [*central.blocked]
-        """The nodes still to be checked, the next one last."""
+        """The nodes still to check; the last one is next."""
         granted = (claim for claim in central.claims.values() if claim.is_granted)
         self.starts.extend(Releasing(claim) for claim in granted)
         self.starts.reverse()
@@ -69,7 +68,7 @@ class DeadlockScan:
 
 def check_suspects(central: State) -> None:
     """Check whether new waits can ever end."""
-    if not central.look_after:
+    if not central.search_delay:
         central.suspects.clear()
     search: Search | None = None
     try:
@@ -84,7 +83,7 @@ def check_suspects(central: State) -> None:
 
 
 def _may_close(central: State, suspect: Suspect) -> Node | None:
-    """The node at which a suspect may have closed a circle; None if it plainly has not."""
+    """Return the node at which a suspect may have closed a cycle; None if it clearly has not."""
     if isinstance(suspect, Claim):
         return Releasing(suspect)
     if isinstance(suspect, Delivery):
@@ -93,17 +92,15 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     due = connection.outstanding.get(number)
     slot = due.slot if isinstance(due, Delivery) else None
     if due is None or (slot is not None and not slot.waits):
-        return None  # it was answered, or a handler that nothing blocks is about to
+        return None  # it was answered, or a handler that does not block has it
     claims = central.claims.values()
     if connection.handling or any(claim.slot is connection for claim in claims):
         return Waiting(connection, number)
     return None
 
 
-def note_event(central: State) -> None:
-    """An event is over in which somebody blocks: see later whether anything in it has closed a
-    circle.
-    """
+def check_event(central: State) -> None:
+    """Schedule a search if a fact of the event may have closed a cycle."""
     if not central.may_have_closed:
         for fact in central.facts:
             if type(fact) not in _CLOSES_NOTHING and _may_matter(central, fact):
@@ -112,26 +109,30 @@ def note_event(central: State) -> None:
 
 
 def _may_matter(central: State, fact: facts.Fact) -> bool:
-    """After its handler a task brings news only with what it waits for itself."""
+    """Whether a fact may close a cycle, although its kind usually does not.
+
+    The end of a handler does so only if observers wait for the state of its task.
+    """
     if isinstance(fact, facts.Returned):
         return central.observers.count > 0
     return not isinstance(fact, facts.Received) or fact.message_class.is_task
 
 
 def schedule_look(central: State) -> None:
-    """Something may have closed a circle."""
+    """Schedule a search because something may have closed a cycle."""
     central.may_have_closed = True
     _schedule(central)
 
 
 def _schedule(central: State) -> None:
-    if central.look_after and central.next_look is None:
-        central.next_look = central.clock.after(central.look_after, Due.LOOK, None)
+    """Set the timer of the next search, if it is not set."""
+    if central.search_delay and central.search_timer is None:
+        central.search_timer = central.clock.after(central.search_delay, Due.LOOK, None)
 
 
 def on_look(central: State, _: None) -> None:
-    """Look at all that blocks, or go on with that."""
-    central.next_look, scan = None, central.scan
+    """Search everything that blocks, or continue a search."""
+    central.search_timer, scan = None, central.scan
     if isinstance(scan, DeadlockScan):
         scan.search.resume(SLICE)
     else:
@@ -139,7 +140,7 @@ def on_look(central: State, _: None) -> None:
         central.may_have_closed = False
     try:
         while scan.starts:
-            _look_at_next(central, scan)
+            _check_next(central, scan)
         central.scan = None
     except TooLongError:
         _schedule(central)
@@ -148,22 +149,24 @@ def on_look(central: State, _: None) -> None:
             _schedule(central)
 
 
-def _look_at_next(central: State, scan: DeadlockScan) -> None:
-    one = scan.starts[-1]
-    if isinstance(one, Connection):
+def _check_next(central: State, scan: DeadlockScan) -> None:
+    """Check the next node of a search."""
+    start = scan.starts[-1]
+    if isinstance(start, Connection):
         scan.search.count_edge()
         scan.starts.pop()
-        if one.handling:
-            scan.starts.extend(Waiting(one, number) for number in reversed(one.waits))
+        if start.handling:
+            scan.starts.extend(Waiting(start, number) for number in reversed(start.waits))
         return
-    if _is_there(one):
-        scan.search = _resolve_all(central, scan.search, one)
-    elif scan.search.is_under_way:  # it is over meanwhile: no need to know all about it
+    if _is_there(start):
+        scan.search = _resolve_all(central, scan.search, start)
+    elif scan.search.is_under_way:  # the wait has ended: the rest of its search is not needed
         scan.search = scan.search.restarted()
     scan.starts.pop()
 
 
 def _is_there(start: Node) -> bool:
+    """Whether a wait or claim from which a search starts still exists."""
     if isinstance(start, Releasing):
         return start.claim.is_granted
     return not isinstance(start, Waiting) or start.number in start.connection.waits
@@ -173,7 +176,7 @@ def _is_there(start: Node) -> bool:
 
 
 def _resolve_all(central: State, search: Search, start: Node) -> Search:
-    """End waits as long as *start* waits for a circle; a search that knows of that."""
+    """End waits as long as *start* waits for a cycle. Return a search that knows the result."""
     while search.is_stuck(start):
         if not _resolve(central, search.circle(start), search):
             break
@@ -182,15 +185,16 @@ def _resolve_all(central: State, search: Search, start: Node) -> Search:
 
 
 def _resolve(central: State, circle: list[Node], search: Search) -> bool:
-    """End a wait or a claim of a circle, or raise a failure for it; False if its failure is being
-    handled.
+    """End a wait or a claim of a cycle, or raise a failure for it.
+
+    Returns False if the failure is already being handled.
     """
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
     claims = (node.claim for node in circle if isinstance(node, Releasing))
-    kept = {claim: task for claim in claims if (task := keeper_of(claim)) is not None}
+    kept = {claim: task for claim in claims if (task := task_holding(claim)) is not None}
     goes_first = _of_recovery(central, circle)
-    if kept and goes_first:  # somebody loses a lock they need, and is told
+    if kept and goes_first:  # the lock's holder is informed of its loss
         claim = min(
             kept, key=lambda claim: any(above.role.survives for above in kept[claim].lineage())
         )
@@ -201,19 +205,22 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
         fact = facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text)
         central.facts.append(fact)
         give_up(central, connection, number, Dropping.DEADLOCK)
-        central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
+        central.answer(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
         return _raise_or_revoke(central, kept, search, text)
     return True
 
 
 def _since(wait: Waiting) -> int:
+    """The event in which a wait began."""
     return wait.connection.waits[wait.number].since
 
 
 def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> bool:
-    """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses
-    it.
+    """Resolve a cycle in which no handler blocks.
+
+    The failure is raised on a holder of what others need. If no exception handler helps, it loses
+    its claim.
     """
     if not kept or any(_is_being_handled(task, search) for task in kept.values()):
         return False
@@ -226,7 +233,7 @@ def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> b
 
 
 def _is_being_handled(task: Task, search: Search) -> bool:
-    """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
+    """Whether an exception handler that is not stuck itself handles a deadlock of a task."""
     return any(
         child.role is Role.EXCEPTION
         and trouble_of(child).failure.name == DEADLOCK
@@ -236,8 +243,9 @@ def _is_being_handled(task: Task, search: Search) -> bool:
 
 
 def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
-    """The nodes of a circle that belong to recovery or safe ends: their tasks, the subtrees, and
-    their waits.
+    """Return the nodes of a cycle that belong to recovery or to leaving things safe.
+
+    They are such tasks, their descendants, and the waits of both.
     """
     found: set[Node] = set()
     known: dict[Task, bool] = {}
@@ -245,14 +253,15 @@ def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
     for node in circle + circle:
         is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
         asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
-        goes_on = before in found and (is_asked or asks_on)
-        if goes_on or _is_recovery(_delivery_of(central, node), known):
+        belongs_too = before in found and (is_asked or asks_on)
+        if belongs_too or _is_recovery(_delivery_of(central, node), known):
             found.add(node)
         before = node
     return found
 
 
 def _delivery_of(central: State, node: Node) -> Delivery | None:
+    """The delivery that a node is about; None for resources and claims."""
     match node:
         case Place(task, _):
             return task
@@ -280,51 +289,47 @@ def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
 
 
 def describe(central: State, circle: list[Node]) -> str:
-    """The circle in words, from the first handler that waits."""
+    """Describe a cycle in words, from the first handler that waits."""
     first = next((at for at, node in enumerate(circle) if isinstance(node, Waiting)), 0)
     circle = circle[first:] + circle[:first]
-    told: dict[str, None] = {}
+    sentences: dict[str, None] = {}
     for node, following in pairwise([*circle, circle[0]]):
         waits = _waits(central, node, following)
         if waits is not None:
-            told[f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"] = (
-                None
-            )
-    more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
-    return f"each waits for the next, in a circle: {'; '.join([*told][:_SHOWN])}{more}"
+            sentences[
+                f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"
+            ] = None
+    more = f"; and {len(sentences) - _SHOWN} more" if len(sentences) > _SHOWN else ""
+    return f"each waits for the next, in a cycle: {'; '.join([*sentences][:_SHOWN])}{more}"
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
-    """The waits at a node of a circle; None where the neighbours say it."""
+    """The waits at a node of a cycle; None if its neighbours describe it."""
     match node, following:
         case Waiting(), _:
             waits = waits_of(central, node)
             if waits and waits[0].kind is WaitKind.REPLY:
-                return [
-                    replace(waits[0], because=())
-                ]  # where the query is, the next in the circle tells
+                return [replace(waits[0], because=())]  # the next node says where the query is
             return waits
         case ((Granting() | TurnAt()), _):
             return waits_of(central, node)
         case Releasing(claim), Place(task, _) if task is not claim.holder:
-            return [
-                WaitFor(WaitKind.SUBTASK, task.id, task.message.name)
-            ]  # before it is handled again
+            return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]  # before its retry
         case Place(task, _), _ if _delivery_of(central, following) is not task:
             return [wait_for_group(central, node, [following])]
     return None
 
 
 def _waiter(central: State, node: Node) -> Waiter:
-    who, module = _delivery_of(central, node), ""
+    subject, module = _delivery_of(central, node), ""
     match node:
         case Waiting(connection, _):
             module = connection.module.name
         case Granting(claim):
-            who, module = claim.holder, claim.slot.module.name
+            subject, module = claim.holder, claim.slot.module.name
         case Releasing(claim):
-            who = claim.holder
+            subject = claim.holder
         case TurnAt(delivery, _):
-            who = delivery
-    number, name = (who.message_id, who.message.name) if who is not None else (0, "")
+            subject = delivery
+    number, name = (subject.message_id, subject.message.name) if subject is not None else (0, "")
     return Waiter(number, name, module)

@@ -1,16 +1,15 @@
-"""A search through the graph of needs for nodes that can never come about. It can be interrupted,
-and goes on later.
+"""A search through the graph of needs for nodes that can never come about. It can be interrupted.
 
-Theory of operation. A node is *live* if each group that it needs holds a live node; all others are
-*stuck*. The search goes forwards from the node that is asked about. Each node that it meets stands
-at its first group without a known live node, and goes on to the next group when one becomes live;
-after the last group it is live itself. When nothing moves any more, what is not live is stuck. What
-was found is used for all that is asked later.
+Theory of operation. A node is *live* if each group that it needs has a live node. All others are
+*stuck*. The search goes forwards from the node in question. Each visited node stands at its first
+group without a known live node. It continues with the next group when a node of that group becomes
+live. After the last group it is live itself. When nothing can continue, the nodes that are not live
+are stuck. Results are reused for later questions.
 
-A search that was interrupted has seen different parts at different times. What was stuck when it
-began is found all the same: it stays stuck, since one group of each such node holds such nodes
-alone, and none of them is ever taken for live. What it calls stuck is stuck: before it says so, it
-looks again, at once, at the groups where these nodes stand.
+An interrupted search has seen different parts at different times. It still finds everything that
+was stuck when it began: a stuck node stays stuck, because one of its groups contains stuck nodes
+only. Its results are true as well: before it calls a node stuck, it checks again, without
+interruption, the groups at which the nodes stand.
 """
 
 from collections.abc import Iterable
@@ -30,41 +29,40 @@ from tca_central.state import State
 
 
 class TooLongError(Exception):
-    """The search has looked at as many edges as it may, and has found nothing yet."""
+    """The search has visited as many edges as it may, without a result."""
 
 
 class Search:
-    """A search for stuck nodes over at most *edges* edges; with ``list`` for *each* it may go on
-    after events.
+    """A search for stuck nodes that visits at most *edges* edges.
+
+    With ``list`` for *each* it may continue after other events.
     """
 
     def __init__(self, central: State, edges: int, each: Each = iter) -> None:
-        self.edges = edges  #: that it may still look at
-        self.looked_at = 0  #: so many edges, in all
+        self.edges = edges  #: number of edges that it may still visit
+        self.looked_at = 0  #: number of edges visited in all
         self._central = central
         self._each = each
-        self._is_old = False  #: something may have changed since it began
-        self._live: set[Node | int] = set()  #: keys of nodes
-        self._open: dict[
-            Node, Groups
-        ] = {}  #: nodes that are not known to be live, and the groups still to come
-        self._at: dict[Node, Group] = {}  #: the group at which such a node stands
-        self._users: dict[
-            Node, list[tuple[Node, Group]]
-        ] = {}  #: by node, the users that wait for a group with it
-        self._to_do: list[Node] = []  #: open nodes that can go on, the one to be seen to next last
+        self._is_old = False  #: whether anything may have changed since it began
+        self._live: set[Node | int] = set()  #: keys of live nodes
+        #: Nodes not known to be live, each with its remaining groups.
+        self._open: dict[Node, Groups] = {}
+        self._at: dict[Node, Group] = {}  #: the group at which an open node stands
+        #: By node: the open nodes that stand at a group with it, and that group.
+        self._users: dict[Node, list[tuple[Node, Group]]] = {}
+        self._to_do: list[Node] = []  #: open nodes that can continue; the last one is next
 
     @property
     def is_under_way(self) -> bool:
-        """Whether there is something left to look at."""
+        """Whether there are nodes left to visit."""
         return bool(self._to_do)
 
     def restarted(self) -> "Search":
-        """A search that knows nothing and may look at what this one had left."""
+        """Return an empty search with the edges that this one has left."""
         return Search(self._central, self.edges, self._each)
 
     def resume(self, edges: int) -> None:
-        """After other events: so many edges more."""
+        """Continue after other events, with that number of edges."""
         self.edges = edges
         self._is_old = True
 
@@ -81,7 +79,7 @@ class Search:
                 return True
 
     def circle(self, start: Node) -> list[Node]:
-        """A circle that *start*, which is stuck, waits for; in its order."""
+        """Return a cycle that *start*, a stuck node, waits for, in its order."""
         trail: dict[Node, int] = {}
         node = start
         while node not in trail:
@@ -90,7 +88,7 @@ class Search:
         return list(trail)[trail[node] :]
 
     def count_edge(self) -> None:
-        """Raises TooLongError if nothing more may be looked at; counts one edge."""
+        """Count one edge. Raises TooLongError if none is left."""
         if self.edges <= 0:
             raise TooLongError
         self._count(1)
@@ -100,13 +98,14 @@ class Search:
         self.looked_at += edges
 
     def _meet(self, nodes: Iterable[Node]) -> None:
+        """Open nodes that were not visited before."""
         for node in nodes:
             if node not in self._open:
                 self._open[node] = needs(self._central, node, self._each)
                 self._to_do.append(node)
 
     def _walk(self, goal: Node) -> None:
-        """Look on until it is known whether *goal* is live."""
+        """Visit nodes until it is known whether *goal* is live."""
         while self._to_do and goal in self._open:
             node = self._to_do[-1]
             group = self._next_group(node)
@@ -115,12 +114,12 @@ class Search:
                 self._mark_live(node)
                 continue
             self._at[node] = group
-            for one in group:
-                self._users.setdefault(one, []).append((node, group))
+            for needed in group:
+                self._users.setdefault(needed, []).append((node, group))
             self._meet(reversed(group))
 
     def _next_group(self, node: Node) -> Group | None:
-        """The next group without a node that is known to be live; None if there is none left."""
+        """Return the next group without a node known to be live; None after the last group."""
         groups, live = self._open[node], self._live
         while True:
             self.count_edge()
@@ -133,8 +132,9 @@ class Search:
                     return group
 
     def _mark_live(self, node: Node) -> None:
+        """Mark a node live, and let the nodes that stand at a group with it continue."""
         del self._open[node]
-        if not _is_soon_seen_again(node):
+        if not _is_not_worth_storing(node):
             self._live.add(_key(node))
         for user, group in self._users.pop(node, ()):
             if self._at.get(user) is group:
@@ -142,7 +142,10 @@ class Search:
                 self._to_do.append(user)
 
     def _confirm(self, start: Node) -> bool:
-        """Whether all causes that *start* is stuck still hold; changed ones are looked at anew."""
+        """Whether every reason why *start* is stuck still holds.
+
+        Nodes with other needs are opened again.
+        """
         met, trail, changed = {start}, [start], []
         for node in trail:  # grows while it is walked
             group = self._at[node]
@@ -160,12 +163,18 @@ class Search:
 
 
 def _key(node: Node) -> Node | int:
-    """The key of a live node: a number for points, of which there may be millions."""
+    """Return the key of a live node.
+
+    For points it is a number: there may be millions, and a number is small.
+    """
     return node.task.id << 6 | node.moment if isinstance(node, Place) else node
 
 
-def _is_soon_seen_again(node: Node) -> bool:
-    """Whether there is no need to remember it: there is one for each task in a queue."""
+def _is_not_worth_storing(node: Node) -> bool:
+    """Whether a live node is not worth storing.
+
+    There is one for each queued task, and it costs little to visit again.
+    """
     return isinstance(node, Turn | TurnAt) or (
         isinstance(node, Place) and is_only_queued(node.task)
     )

@@ -76,7 +76,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
 
 def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     """The handler of a task has ended with a failure."""
-    central.note_failure(task, failure)
+    central.record_failure(task, failure)
     if central.agenda.end_or_retry(task):
         return
     handler = _search(central, task, failure, is_beside=False)
@@ -91,7 +91,7 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
     if task.returned and task.failure is None and not task.result:
         central.tree.grow(task, len(NIL))
         task.result = NIL  # its handler has returned None, the result if the failure is resolved
-    central.note_failure(task, failure, is_beside=True, by=by)
+    central.record_failure(task, failure, is_beside=True, by=by)
     _search(central, task, failure, is_beside=True)
 
 
@@ -249,8 +249,8 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
 
 def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
     """Whether a task above is about to be retried for none of the given exception handlers."""
-    askers = above.recovery.askers if above.recovery is not None else {}
-    return above.retrying and askers.keys().isdisjoint(exceptions)
+    retry_requesters = above.recovery.retry_requesters if above.recovery is not None else {}
+    return above.retrying and retry_requesters.keys().isdisjoint(exceptions)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
@@ -307,7 +307,7 @@ def _void_decision(handler: Task) -> bool:
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     """Send a killed task's termination messages, end its watch, and kill its listeners."""
     if task.plans is not None and task.reached & START_HANDLING:
-        for message, body in task.plans.farewells:
+        for message, body in task.plans.termination_messages:
             make_task(central, message, body, task, Role.TERMINATION)
     if task.watch is not None:
         stop_watching(central, task.watch, "it was killed")
@@ -316,7 +316,7 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
             kill(central, listener, verdict)
 
 
-def pass_over(central: State, handler: Delivery) -> None:
+def skip_exception_handler(central: State, handler: Delivery) -> None:
     """Continue the search after an exception handler that waits without any handler."""
     assert isinstance(handler, Task)
     if handler.killed or handler.queues != ():  # it has a handler again
@@ -359,18 +359,18 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
     central.accept(connection, header.number, handler.id if counts else ROOT)
 
 
-def handler_ended(central: State, handler: Task) -> None:
+def on_exception_handler_ended(central: State, handler: Task) -> None:
     """An exception handler's task has ended: apply its decision, or continue the search."""
     trouble = trouble_of(handler)
     failing = trouble.failing
     for asked in trouble.retried:
-        central.agenda.end_retry_asker(asked, handler)
+        central.agenda.end_retry_request(asked, handler)
     if not failing.killed:
         if trouble.decision is Decision.DEALT_WITH:
             _recover(central, failing, handler)
         elif trouble.decision is Decision.NONE:
             _continue_unresolved(central, failing, handler)
-    central.agenda.hear(failing)
+    central.agenda.mark_handler_processed(failing)
 
 
 def _recover(central: State, failing: Task, handler: Task) -> None:
@@ -427,7 +427,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     A retry waits for the exception handler that asks, and for tasks that survive kills.
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
-    foreign_monitors = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]
+    foreign_monitors = [
+        monitor for monitor in (task.watchers or {}).values() if monitor.is_foreign_monitor
+    ]
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
     starts += [
         place
@@ -437,7 +439,7 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     awaited = {
         child
         for child in (task.children or {}).values()
-        if child.role.survives and not child.is_guest
+        if child.role.survives and not child.is_foreign_monitor
     }
     if asking is not None:
         awaited.add(asking)
@@ -467,7 +469,7 @@ def _forget_failures(task: Task) -> None:
 def _kill_descendants(central: State, task: Task, verdict: Verdict) -> None:
     """Kill the tasks under a retried task, except foreign monitors and tasks that survive kills."""
     for child in list((task.children or {}).values()):
-        if not (child.role.survives or child.is_guest):
+        if not (child.role.survives or child.is_foreign_monitor):
             kill(central, child, verdict)
 
 
@@ -511,8 +513,8 @@ def retry_task(
     _forget_failures(task)
     if has_begun:
         _kill_descendants(central, task, Verdict(f"{task} is retried", by, central.origin))
-        if asking is not None and asking not in Recovery.of(task).askers:
-            Recovery.of(task).askers[asking] = None
+        if asking is not None and asking not in Recovery.of(task).retry_requesters:
+            Recovery.of(task).retry_requesters[asking] = None
             trouble_of(asking).retried.append(task)
             central.tree.across[asking] = None
         if task.slot is not None:

@@ -10,7 +10,7 @@ from tca_wire.messages.failures import REJECTED
 from tca_wire.vocabulary import Busy
 
 
-def on_crowded(central: State, task: Task) -> None:
+def on_handler_busy(central: State, task: Task) -> None:
     """A task has to wait for a handler, which may have a wish for that case."""
     handlers = task.message.handlers
     if (

@@ -32,7 +32,7 @@ MOST_ASKED = 32
 """Requests of clients that may wait for the decision of a task's handler."""
 
 
-def check_wishes(handled: HandlerFormat, declared: MessageFormat) -> None:
+def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> None:
     """Raise RequestError if a handler can't take, or refuse, such transitions."""
     wishes = (*handled.takes, *handled.refuses)
     if not declared.message_class.is_task:
@@ -51,7 +51,7 @@ def check_wishes(handled: HandlerFormat, declared: MessageFormat) -> None:
 
 def restart(central: State, task: Task) -> None:
     """A task goes to a handler once more. If a client's request is to end it, it ends instead."""
-    asked = central.tree.forget_asked(task)
+    asked = central.tree.pop_client_requests(task)
     if task.clients is not None:
         task.clients.newest = 0  # the next call of a handler has seen no requests
     if task.message.life_cycle.ends_on_request(task.state):
@@ -59,7 +59,7 @@ def restart(central: State, task: Task) -> None:
     elif task.state != task.message.initial:
         task.state = task.message.initial
         task.serial += 1
-        central.tell_observers(task, "restarted", Party.CENTRAL)
+        central.notify_observers(task, "restarted", Party.CENTRAL)
 
 
 def on_change_state(
@@ -103,7 +103,9 @@ def _change_by_client(
     if body and step.effect is not Effect.NEW_GOAL:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     if task.clients is not None and len(task.clients.asked) >= MOST_ASKED:
-        central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
+        central.tree.pop_client_requests(
+            task, lambda one: not _is_awaited(task, one.source, one.name)
+        )
         if len(task.clients.asked) >= MOST_ASKED:
             raise RequestError(
                 Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already"
@@ -117,25 +119,27 @@ def apply_client_request(
 ) -> None:
     """Apply a client's request: the handler decides, or central for it."""
     handler = task.handler
-    is_told = handler is not None and step.name in handler.takes
-    if not (is_told or _is_awaited(task, task.state, step.name)):
+    needs_decision = handler is not None and step.name in handler.takes
+    if not (needs_decision or _is_awaited(task, task.state, step.name)):
         raise RequestError(
             Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
         )
     source = task.state
     _apply_step(central, task, step, Party.CLIENT, module, text, body)
-    asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
+    asked = ClientRequest(step.name, source, task.serial, module, text, body, needs_decision)
     central.tree.ask(task, asked)
-    if is_told:
+    if needs_decision:
         _notify_handler(central, task, asked)
     else:
         _decide(central, task, step, asked, central.origin)
 
 
-def decide_instead(central: State, task: Task) -> None:
+def apply_defaults(central: State, task: Task) -> None:
     """A task's handler has returned without a decision on clients' requests: apply the defaults."""
     asked = [
-        one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)
+        one
+        for one in central.tree.pop_client_requests(task)
+        if _is_awaited(task, one.source, one.name)
     ]
     if asked and not task.killed and central.tree.task(task.id) is task:
         cycle, newest = task.message.life_cycle, asked[-1]
@@ -153,14 +157,14 @@ def _is_awaited(task: Task, source: str, name: str) -> bool:
 
 def _notify_handler(central: State, task: Task, asked: ClientRequest) -> None:
     assert task.slot is not None
-    header = Requested(task.given_as, asked.name, asked.serial, asked.text)
-    central.tell(task.slot, header, asked.body)
+    header = Requested(task.handling_id, asked.name, asked.serial, asked.text)
+    central.notify(task.slot, header, asked.body)
 
 
-def tell_again(central: State, task: Task) -> None:
+def resend_requests(central: State, task: Task) -> None:
     """Send a handler the clients' requests again, since it may have missed them."""
     for asked in task.clients.asked if task.clients is not None else ():
-        if asked.is_told:
+        if asked.needs_decision:
             _notify_handler(central, task, asked)
 
 
@@ -170,7 +174,7 @@ def _decide(
     """Apply the default, since no handler decides."""
     if why := _refusal_reason(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
-        central.tree.forget_asked(task)
+        central.tree.pop_client_requests(task)
         if refusal is not None:
             _apply_step(central, task, refusal, Party.CENTRAL, "", why)
     elif step.effect is Effect.NEW_GOAL:
@@ -205,7 +209,7 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
 
 def _accept_goal(central: State, task: Task, goal: bytes) -> None:
     """Replace the task's goal, and grant the update if the life cycle has a transition for that."""
-    central.tree.forget_asked(task)
+    central.tree.pop_client_requests(task)
     _set_goal(central, task, goal)
     grant = task.message.life_cycle.grant(task.state)
     if grant is not None:
@@ -241,7 +245,7 @@ def _change_by_server(
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     _apply(central, task, step, connection.module.name, header.text, body, seen)
     if overtaken:
-        central.tree.forget_asked(task, unseen.__contains__)
+        central.tree.pop_client_requests(task, unseen.__contains__)
         for request in unseen:
             _apply_again(central, task, request)
     _answer(central, connection, header, task.serial)
@@ -257,13 +261,13 @@ def _apply(
 ) -> None:
     """Apply the server's transition, and its effect on clients' requests."""
     if step.effect is Effect.RESULT:
-        central.tree.forget_asked(
+        central.tree.pop_client_requests(
             task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name)
         )
         central.tree.set_progress(task, body)
         _apply_step(central, task, step, Party.SERVER, module, text, body)
         return
-    asked = central.tree.forget_asked(task)
+    asked = central.tree.pop_client_requests(task)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
         # The server may have changed the goal.
@@ -316,7 +320,7 @@ def _apply_step(
     central.facts.append(
         facts.StateChanged(task.id, step.name, task.state, task.serial, by, module, text, body)
     )
-    central.tell_observers(task, step.name, by, module, text, body)
+    central.notify_observers(task, step.name, by, module, text, body)
 
 
 def _refuse(task: Task, name: str, by: Party) -> None:

@@ -36,19 +36,21 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
         return
     # There will be no task under one that has ended.
     if header.below and central.tree.task(header.below) is None:
-        central.tell(connection, Answer(header.number, more=True))
-        central.send(connection, header.number, Answer(header.number))
+        central.notify(connection, Answer(header.number, more=True))
+        central.answer(connection, header.number, Answer(header.number))
         return
     late = _living(central, observation)
     connection.outstanding[header.number] = observation
     central.observers.add(observation)
     for task in late:
-        central.tell_observer(observation, msgspec.msgpack.encode(_current_state(task)), task.state)
+        central.notify_observer(
+            observation, msgspec.msgpack.encode(_current_state(task)), task.state
+        )
     observation.told += 1
-    central.tell(connection, Answer(header.number, more=True))
+    central.notify(connection, Answer(header.number, more=True))
 
 
-def begin_observers_wait(central: State, observation: Observation) -> None:
+def start_observers_wait(central: State, observation: Observation) -> None:
     """Record that an observer, as far as central knows, only waits for the next change."""
     if not observation.is_awaited:
         observation.is_awaited = True
@@ -88,7 +90,7 @@ def _answer_ended(central: State, connection: Connection, header: Observe) -> No
         header.task,
         name,
         -1,
-        cycle.done if result.lets_go_on else cycle.cancelled,
+        cycle.done if result.lets_successors_continue else cycle.cancelled,
         "",
         Party.SERVER,
         text=_failure_text(failure, text),
@@ -98,8 +100,8 @@ def _answer_ended(central: State, connection: Connection, header: Observe) -> No
         is_over=True,
         outcome=result,
     )
-    central.tell(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
-    central.send(connection, header.number, Answer(header.number))
+    central.notify(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
+    central.answer(connection, header.number, Answer(header.number))
 
 
 def _failure_text(failure: str, text: str) -> str:
@@ -121,15 +123,15 @@ def _current_state(task: Task) -> StateChange:
     )
 
 
-def tell_end(central: State, task: Task) -> None:
+def publish_end(central: State, task: Task) -> None:
     """Send observers the last state of a task that has ended, which follows from its outcome."""
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
-    end_state = cycle.done if outcome.lets_go_on else cycle.cancelled
+    end_state = cycle.done if outcome.lets_successors_continue else cycle.cancelled
     transition = cycle.ending(task.state, end_state, outcome)
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
-    central.tell_observers(
+    central.notify_observers(
         task, transition, by, "", _failure_text(failure, text), body, outcome=outcome
     )

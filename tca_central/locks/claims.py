@@ -107,12 +107,12 @@ def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
         )
 
 
-def tell_granted(central: State, claim: ModuleClaim) -> None:
+def on_granted(central: State, claim: ModuleClaim) -> None:
     """A claim has got its resource: notify its module."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
     if claim.slot.outstanding.pop(claim.number, None) is not None:
-        central.send(claim.slot, claim.number, Answer(claim.number))
+        central.answer(claim.slot, claim.number, Answer(claim.number))
 
 
 # --- ends -----------------------------------------------------------------------------------------
@@ -132,10 +132,10 @@ def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str
 def _fail(central: State, claim: ModuleClaim, why: str, answer: ToModule) -> None:
     _end(central, claim, why)
     if claim.slot.outstanding.pop(claim.number, None) is not None:
-        central.send(claim.slot, claim.number, answer)
+        central.answer(claim.slot, claim.number, answer)
 
 
-def give_up_claim(central: State, connection: Connection, number: int, why: str) -> None:
+def release_claim(central: State, connection: Connection, number: int, why: str) -> None:
     """A module gives up a claim, granted or not."""
     if (claim := central.claims.get((connection, number))) is not None:
         _end(central, claim, "released" if claim.is_granted else why)
@@ -164,11 +164,11 @@ def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
         _record_loss(claim.slot, claim, text)
-        central.tell(claim.slot, headers.Taken(claim.number, text))
+        central.notify(claim.slot, headers.Taken(claim.number, text))
 
 
 def _record_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
-    delivery = claim.holder.given_as if claim.holder is not None else 0
+    delivery = claim.holder.handling_id if claim.holder is not None else 0
     slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.lost_claims) > MOST_CLAIMS:
         del slot.lost_claims[next(iter(slot.lost_claims))]
@@ -179,7 +179,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
     if not slot.lost_claims:
         return ""
     numbers = [
-        number for number, one in slot.lost_claims.items() if one.delivery == delivery.given_as
+        number for number, one in slot.lost_claims.items() if one.delivery == delivery.handling_id
     ]
     lost = map(slot.lost_claims.pop, numbers)
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)

@@ -1,3 +1,1 @@
-"""The data of central: connections, messages, tasks, resources, variables and the clock. Structure,
-no rules.
-"""
+"""The data of central: connections, messages, tasks, resources, variables, clock. No rules."""

@@ -1,6 +1,4 @@
-"""Answers that are kept in case their requests are repeated after a reconnect: the newest, within
-bounds.
-"""
+"""Stored answers, in case requests are repeated after a reconnect: the newest, within bounds."""
 
 from collections import OrderedDict
 
@@ -10,25 +8,26 @@ from tca_central.model.stored import Stored
 from tca_wire.packets.headers import ToModule
 
 REMEMBERED_ANSWERS = 64
-"""Answers kept per connection."""
+"""Stored answers per connection."""
 
 
 class KeptAnswers(Stored):
-    """The answers of all connections. What is forgotten is answered "too late" when it is asked for
-    again.
+    """The stored answers of all connections.
+
+    If a request is repeated whose answer was forgotten, it is refused as too late.
     """
 
     __slots__ = ("_kept", "bytes", "forgotten", "most")
 
     def __init__(self, most: int) -> None:
-        self.most = most  #: bytes that they may hold; those of one connection a quarter of that
+        self.most = most  #: bytes that all may hold; one connection may hold a quarter of that
         self.bytes = 0
-        self.forgotten = 0  #: number of those that gave way because there were too many bytes
+        self.forgotten = 0  #: number of answers forgotten because they held too many bytes
         self._kept: OrderedDict[tuple[str, int], tuple[Connection, ToModule, bytes]] = OrderedDict()
-        """By session and request number, oldest first, each with its connection."""
+        """By session and request number, oldest first."""
 
     def add(self, connection: Connection, number: int, header: ToModule, body: bytes) -> None:
-        """A request was answered."""
+        """Store the answer to a request."""
         size = ANSWER_BYTES + len(body)
         self._kept[connection.session, number] = connection, header, body
         connection.answers.append(number)
@@ -39,21 +38,21 @@ class KeptAnswers(Stored):
         while connection.answer_bytes > self.most // 4 and len(connection.answers) > 1:
             self._forget_oldest(connection)
             self.forgotten += 1
-        self.give_way()
+        self.evict()
 
-    def give_way(self) -> None:
-        """Forget the oldest if all hold too much."""
+    def evict(self) -> None:
+        """Forget the oldest answers if all hold too much."""
         while self.bytes > self.most:
             self._forget_oldest(next(iter(self._kept.values()))[0])
             self.forgotten += 1
 
     def get(self, connection: Connection, number: int) -> tuple[ToModule | None, bytes]:
-        """The answer that a request has had; None if it is not kept."""
+        """Return the answer to a request; None if it is not stored."""
         _, header, body = self._kept.get((connection.session, number), (None, None, b""))
         return header, body
 
-    def hand_on(self, before: Connection, connection: Connection) -> None:
-        """A lost connection is back, as another one of the same session."""
+    def transfer(self, before: Connection, connection: Connection) -> None:
+        """Move the answers of a lost connection to the new connection of its session."""
         connection.answers, before.answers = before.answers, connection.answers
         connection.answer_bytes, before.answer_bytes = before.answer_bytes, 0
         for number in connection.answers:
@@ -61,11 +60,11 @@ class KeptAnswers(Stored):
             self._kept[connection.session, number] = connection, header, body
 
     def walked_bytes(self) -> int:
-        """The bytes, counted anew."""
+        """Count the bytes again, for checks."""
         return sum(ANSWER_BYTES + len(body) for _, _, body in self._kept.values())
 
     def forget_all(self, connection: Connection | None) -> None:
-        """A connection, if there is one, will not ask again."""
+        """Forget the answers of a connection that will not ask again."""
         while connection is not None and connection.answers:
             self._forget_oldest(connection)
 

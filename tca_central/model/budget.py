@@ -1,25 +1,22 @@
-"""The budget: the bytes that central may hold of what modules send, split into parts that do not
-take from each other.
+"""The budget: the bytes that central may hold for modules, split into separate parts.
 
-Each part is counted where something comes and goes, so that to know what is left costs nothing.
-What a module asks for beyond a part is refused, and who sends informs loses them; answers, outcomes
-and records give way, the oldest first. Nothing is asked of requests that free something, or only
-tell: they get in whatever is full.
+Each part is counted when something is added or removed, so that the space left is always known. If
+a part is full, requests that need more of it are refused and informs are dropped. Answers, outcomes
+and records are forgotten instead, the oldest first. Requests that free something, or only report,
+are always accepted.
 """
 
 from tca_central.model.stored import Stored
 
 MEMORY = 512 << 20
-"""Bytes, unless somebody says otherwise."""
+"""Bytes, unless --memory says otherwise."""
 
 LEAST_MEMORY = 16 << 20
 
 TAP_DEPTH, TASK_DEPTH = 8, 20_000
-"""Listeners of wiretaps in one chain of causes, and tasks above one another, unless an option says
-otherwise.
-"""
+"""Default limits: listeners of wiretaps in one chain of causes, and depth of the task tree."""
 
-# About what an object costs beside the bytes that it holds.
+# The approximate size of each object, without the bytes that it holds.
 DELIVERY_BYTES = 500
 TASK_BYTES = 1000
 EDGE_BYTES = 200  # a constraint
@@ -35,7 +32,7 @@ ANSWER_BYTES = 300
 
 
 class Budget(Stored):
-    """The limits, and counts that have no other place."""
+    """The limits, and the counts that no other object has."""
 
     __slots__ = (
         "answers",
@@ -56,17 +53,17 @@ class Budget(Stored):
     def __init__(self, total: int = MEMORY) -> None:
         self.share(total)
         self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
-        self.collected = 0  #: bytes of the failures with which multi-queries under way may end
+        self.collected = 0  #: bytes of failures that multi-queries in progress hold
         self.awaited = 0  #: bytes of waits until messages are handled
-        self.refused = 0  #: how much was refused or dropped because a part is spent
+        self.refused = 0  #: number of refusals and drops because a part is full
 
     def share(self, total: int) -> None:
-        """Split so many bytes."""
+        """Split *total* bytes among the parts."""
         self.total = total
-        self.messages = total // 2  #: messages in queues and with handlers, tasks, and constraints
-        self.declared = total // 16  #: what is declared, attached, claimed and waited for; timers
-        self.answers = total // 8  #: answers that are kept in case their requests are repeated
+        self.messages = total // 2  #: queued and handled messages, tasks, and constraints
+        self.declared = total // 16  #: declarations, attachments, claims, waits and timers
+        self.answers = total // 8  #: stored answers
         self.outcomes = total // 16  #: failures and results of ended tasks
-        self.kept = total // 16  #: records of ended tasks that modules keep
-        self.variables = total // 16  #: values
-        self.unread = total // 8  #: what was sent, and not read yet
+        self.kept = total // 16  #: records of ended tasks that modules retain
+        self.variables = total // 16  #: values of variables
+        self.unread = total // 8  #: messages sent and not read yet

@@ -1,5 +1,6 @@
-"""The clock of the core: the time of the newest event, and timers. Deterministic: ties keep their
-order.
+"""The clock of the core: the time of the newest event, and timers.
+
+It is deterministic: timers due at the same time fire in the order in which they were set.
 """
 
 import heapq
@@ -10,11 +11,11 @@ from tca_central.model.stored import Stored
 from tca_wire.vocabulary import LONGEST_TIME, Due, Refusal
 
 VOID_TIMERS = 64
-"""Cancelled timers that may be kept beyond as many as there are others."""
+"""Cancelled timers that the queue may hold beyond the number of others."""
 
 
 class Timer(Stored):
-    """Something due at a time."""
+    """An action due at a time."""
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
 
@@ -24,7 +25,7 @@ class Timer(Stored):
 
 
 class Clock(Stored):
-    """Timers, earliest first; those due at the same time in the order in which they were set."""
+    """The current time and the timers, earliest first."""
 
     __slots__ = ("_asked", "_cancelled", "_queue", "now")
 
@@ -35,14 +36,17 @@ class Clock(Stored):
         self._cancelled = 0
 
     def after(self, seconds: float, due: Due, subject: Stored | None) -> Timer:
-        """Let something be due in so many seconds."""
+        """Set a timer that is due in *seconds* seconds."""
         self._asked += 1
         timer = Timer(self.now + seconds, due, subject)
         heapq.heappush(self._queue, (timer.time, self._asked, timer))
         return timer
 
     def cancel(self, timer: Timer | None) -> None:
-        """Cancel a timer."""
+        """Cancel a timer.
+
+        It stays in the queue until it is due, or until half of the queue is cancelled.
+        """
         if timer is None or timer.is_cancelled:
             return
         timer.is_cancelled, timer.subject = True, None
@@ -54,34 +58,34 @@ class Clock(Stored):
 
     @property
     def timers(self) -> int:
-        """Number of timers that are kept, cancelled ones too."""
+        """The number of timers in the queue, with cancelled ones."""
         return len(self._queue)
 
     @property
     def next(self) -> float | None:
-        """The time at which something is due next."""
+        """The time of the next timer; None if no timer is set."""
         while self._queue and self._queue[0][2].is_cancelled:
             heapq.heappop(self._queue)
             self._cancelled -= 1
         return self._queue[0][0] if self._queue else None
 
     def pop_due(self) -> Timer | None:
-        """Take out the next timer that is due by now."""
+        """Remove and return the next timer that is due now; None if none is due."""
         while self._queue and self._queue[0][0] <= self.now:
             timer = heapq.heappop(self._queue)[2]
             if not timer.is_cancelled:
-                timer.is_cancelled = True  # so that nobody counts it as cancelled later
+                timer.is_cancelled = True  # a later ``cancel`` must not count it
                 return timer
             self._cancelled -= 1
         return None
 
     def pending(self) -> list[Timer]:
-        """All timers due later, in no particular order; for checks."""
+        """Return all timers that are set, in no particular order; for checks."""
         return [timer for _, _, timer in self._queue if not timer.is_cancelled]
 
 
 def checked_seconds(seconds: float, what: str) -> float:
-    """*seconds* as they are. Raises RequestError if they are none that can be waited."""
+    """Return *seconds*. Raise RequestError if it is not a duration that can be waited."""
     if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME):
         raise RequestError(
             Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST_TIME:g} s are possible"

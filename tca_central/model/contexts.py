@@ -1,6 +1,4 @@
-"""The reasons for messages that central makes: the trouble of an exception handler, what a listener
-listens to.
-"""
+"""The reasons for messages that central makes, such as the failure for an exception handler."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -17,25 +15,24 @@ class RaisedFailure(NamedTuple):
     name: str
     text: str = ""
     body: bytes = b""
-    kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
+    kinds: tuple[str, ...] = ()  #: names of more general failures that include it
 
 
 class Decision(Enum):
-    """What an exception handler has decided so far."""
+    """The decision of an exception handler so far."""
 
     NONE = "none"
-    """When its task has ended, the search goes on above it."""
+    """When its task has ended, the search for a handler continues above it."""
     DEALT_WITH = "dealt with"
-    """When its task has ended, its failure has been dealt with: it has said so, or wants a
-    retry.
-    """
+    """When its task has ended, the failure is resolved: it said so, or wants a retry."""
     VOID = "void"
-    """It decides nothing any more: it has reissued, or was killed, or the failure is forgotten."""
+    """It decides nothing any more: it reissued, was killed, or the failure is forgotten."""
 
 
 class FailureContext(Stored):
-    """The trouble an exception handler's task deals with: a task's failure, caught there or above;
-    and its decision.
+    """The trouble of an exception handler's task, and its decision.
+
+    The failure of *failing* was caught *at* that task or one above it.
     """
 
     __slots__ = ("at", "attached", "decision", "failing", "failure", "passed", "retried")
@@ -49,15 +46,15 @@ class FailureContext(Stored):
         passed: dict[tuple[int, str], None],
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-        #: Attachments, by id, that could not decide about failures of these names; of this failure
-        #: and all below it.
+        #: (attachment id, failure name) of handlers that have already passed on this failure or
+        #: one below it.
         self.passed = passed
         self.decision = Decision.NONE
-        self.retried: list[Task] = []  #: the tasks that it wants retried
+        self.retried: list[Task] = []  #: tasks that it wants retried
 
     @property
     def header(self) -> Trouble:
-        """The handler's context: the failure, and the tasks that it is about."""
+        """The context that the handler gets: the failure, and the tasks concerned."""
         attempts = Recovery.of(self.failing).attempts
         invocations = Recovery.of(self.at).invocations.get(self.attached.id, 0)
         name, text, *_ = self.failure
@@ -65,7 +62,7 @@ class FailureContext(Stored):
 
 
 class Listening(Stored):
-    """The tap and message that a listener was sent for."""
+    """The cause of a listener: the wiretap, and the message that it taps."""
 
     __slots__ = ("tap", "tapped")
 
@@ -74,28 +71,28 @@ class Listening(Stored):
 
     @property
     def header(self) -> Tapped:
-        """The message to the listener's handler."""
+        """The context that the listener's handler gets."""
         return Tapped(self.tap.condition, self.tapped)
 
 
 def trouble_of(handler: Delivery) -> FailureContext:
-    """What an exception handler is for."""
+    """Return the context of an exception handler."""
     assert isinstance(handler.context, FailureContext)
     return handler.context
 
 
 def retried_by(task: Task) -> list[Task]:
-    """The tasks that a task wants retried, if it is an exception handler."""
+    """Return the tasks that an exception handler wants retried; [] for other tasks."""
     return task.context.retried if isinstance(task.context, FailureContext) else []
 
 
-def heard_by(listener: Delivery) -> Listening:
-    """What a listener was sent for."""
+def listener_cause(listener: Delivery) -> Listening:
+    """Return the cause of a listener."""
     assert isinstance(listener.context, Listening)
     return listener.context
 
 
 def monitor_of(delivery: Delivery) -> Watch:
-    """The monitor that a condition, action, set-up or cancel was sent by."""
+    """Return the monitor that has sent a condition, action, set-up or cancel."""
     assert isinstance(delivery.context, Watch)
     return delivery.context

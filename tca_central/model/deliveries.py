@@ -1,5 +1,4 @@
-"""Messages on their way: modules and their connections, message types, their handlers, and what is
-attached to them.
+"""Messages on their way: modules, connections, message types, handlers and attachments.
 
 Knows nothing of tasks, time or sockets.
 """
@@ -14,6 +13,7 @@ from tca_central.model.clock import Timer
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_central.model.stored import Stored
+from tca_central.model.values import NOTHING_REFUSED, Blocking
 from tca_wire.life_cycles import LifeCycle, read_life_cycle
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.headers import WaitUntilHandled
@@ -30,10 +30,10 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
-"""Tasks kept per connection that it may name by the requests that sent them."""
+"""Tasks per connection that it may name by the requests that sent them."""
 
-TOLD_TOGETHER = 32
-"""Quiet tasks of which a connection is told at once, if it gets no other answer before."""
+CONFIRMED_TOGETHER = 32
+"""Unconfirmed tasks after which a connection is sent their ids, if no other answer came first."""
 
 
 class ModuleResource(Resource["Connection", "Delivery"]):
@@ -43,39 +43,24 @@ class ModuleResource(Resource["Connection", "Delivery"]):
 
     def __init__(self, module: str, name: str) -> None:
         super().__init__(module, name)
-        self.limits: dict[
-            str, PendingLimit[Delivery]
-        ] = {}  #: by message name, of handlers that have one
-        self.delivered = 0  #: number of messages that were given to it
-        self.busy = 0.0  #: seconds in which they were handled, added up over its slots
-        self.replaced = 0  #: number of slots that were lost because their handlers hung
-        self.quick_runs = 0  #: number of messages, one after the other, that were handled quickly
+        #: By message name: the pending limits of its handlers.
+        self.limits: dict[str, PendingLimit[Delivery]] = {}
+        self.delivered = 0  #: number of messages that it was given
+        self.busy = 0.0  #: seconds of handling, added up over its slots
+        self.replaced = 0  #: number of slots lost because their handlers hung
+        self.quick_runs = 0  #: number of fast runs in a row
 
 
 class LostClaim(NamedTuple):
-    """A lock or reservation that was taken away."""
+    """A lock or reservation that was revoked."""
 
-    delivery: int  #: whose handler had it (0: no handler's)
+    delivery: int  #: the delivery whose handler had it (0: none)
     resource: str
-    text: str  #: by whom, or why
-
-
-class Blocking(NamedTuple):
-    """A wait: a connection, or the coroutine of a handler, does nothing until its request is
-    answered.
-    """
-
-    origin: int  #: the delivery whose handler waits (0: none)
-    since: int  #: the event in which that began
-    at: float  #: and its time
-    together: tuple[
-        int, ...
-    ] = ()  #: of several: all of them; it goes on when one of them is answered
-    is_coroutine: bool = False
+    text: str  #: why, and by which module
 
 
 class Line(Stored):
-    """Who a connection is, and what was under way when its line broke."""
+    """The identity of a connection, and what was in progress when it broke."""
 
     __slots__ = (
         "id",
@@ -94,33 +79,31 @@ class Line(Stored):
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
         self.id = connection_id
-        self.principal = module.principal  #: who it belongs to
-        self.rights: Rights | None = None  #: what it may do (None: everything)
-        self.session = session  #: names it across reconnects
-        self.number = number  #: which of its module's it is
+        self.principal = module.principal  #: its owner
+        self.rights: Rights | None = None  #: none: it may do everything
+        self.session = session  #: its name across reconnects
+        self.number = number  #: its number within its module
         self.module = module
-        self.pulse = b""  #: of its process, for the server
-        self.repeats_until = (
-            0  #: answers of deliveries up to this one may come again: the connection had broken
-        )
-        self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
-        self.late: dict[
-            int, str
-        ] = {}  #: the newest of these whose answers may still come, and what to say then
+        self.pulse = b""  #: the pulse of its process, for the server
+        #: It had broken: answers of deliveries up to this one may come twice.
+        self.repeats_until = 0
+        self.orphans: list[int] = []  #: deliveries to cancel: it had them when it was lost
+        #: By delivery: the newest orphans that may still be answered, and the text to reply.
+        self.late: dict[int, str] = {}
 
 
 class Asker(Line):
-    """What a connection has asked for: requests, their answers, and its waits."""
+    """The requests of a connection, their answers, and its waits."""
 
     __slots__ = (
         "answer_bytes",
         "answers",
+        "brief_waits",
         "last_number",
         "lost_claims",
         "outstanding",
-        "pauses",
         "tasks",
-        "untold",
+        "unconfirmed",
         "waits",
     )
 
@@ -128,30 +111,22 @@ class Asker(Line):
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
         Line.__init__(self, connection_id, session, module, number)
-        self.last_number = 0  #: the highest request number seen
-        self.outstanding: dict[
-            int, Stored
-        ] = {}  #: requests whose answer is due -> the delivery or wait behind it
-        self.answers: deque[int] = (
-            deque()
-        )  #: requests whose answers are kept, oldest first: see model/answers.py
-        self.answer_bytes = 0  #: that these hold
-        self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
-        self.untold: list[
-            tuple[int, TaskId]
-        ] = []  #: those of which it is to be told, with their requests
-        self.waits: dict[
-            int, Blocking
-        ] = {}  #: requests for whose answer it does nothing else, by number
-        self.pauses: dict[
-            int, Blocking
-        ] = {}  #: such waits that soon end by themselves: no deadlocks
-        self.lost_claims: dict[
-            int, LostClaim
-        ] = {}  #: taken from it, and it does not know yet, by the Lock's number
+        self.last_number = 0  #: the highest number of a request so far
+        #: By request: the delivery or wait that answers it.
+        self.outstanding: dict[int, Stored] = {}
+        #: Requests whose answers are stored, oldest first (model/answers.py)
+        self.answers: deque[int] = deque()
+        self.answer_bytes = 0  #: bytes of the stored answers
+        self.tasks: dict[int, TaskId] = {}  #: by request, oldest first: the newest tasks sent
+        #: (request, task) of tasks whose ids it has not been sent.
+        self.unconfirmed: list[tuple[int, TaskId]] = []
+        self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
+        self.brief_waits: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
+        #: By request: revoked claims of which its module has not learned.
+        self.lost_claims: dict[int, LostClaim] = {}
 
     def remember_task(self, number: int, task: TaskId) -> None:
-        """Keep the task that a request has sent: others may name it so."""
+        """Remember the task that a request has sent: later requests may name it so."""
         tasks = self.tasks
         tasks[number] = task
         if len(tasks) > REMEMBERED_TASKS:
@@ -159,12 +134,12 @@ class Asker(Line):
 
 
 class Slot(Asker):
-    """What a connection handles: the thread of one resource."""
+    """The handling of messages by a connection: one thread of a resource."""
 
     __slots__ = (
         "begins",
-        "doubts",
         "handling",
+        "hang_timers",
         "hung_after",
         "known_until",
         "prefetch",
@@ -177,38 +152,38 @@ class Slot(Asker):
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
         Asker.__init__(self, connection_id, session, module, number)
-        self.resource: ModuleResource | None = (
-            None  #: None: it is the module's own, and handles nothing
-        )
-        self.handling: dict[
-            Delivery, int
-        ] = {}  #: its deliveries -> the event in which it got each; oldest first
-        self.prefetch = 0  #: number of messages that it takes ahead, before it is free
-        self.unbegun: Delivery | None = (
-            None  #: it had this ahead, and had not begun it when that was given to it
-        )
-        self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
-        self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
-        self.hung_after = (
-            0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
-        )
-        self.doubts: dict[
-            int, Timer
-        ] = {}  #: by delivery, when that is so of those that are to return
-        self.was_replaced = False  #: its handler hung, and another took its place
+        #: None for the module's own connection, which handles nothing.
+        self.resource: ModuleResource | None = None
+        #: By delivery, oldest first: the event in which the slot got it.
+        self.handling: dict[Delivery, int] = {}
+        self.prefetch = 0  #: number of messages that it accepts before it is free
+        #: The present delivery, if it was prefetched and may not have begun.
+        self.unbegun: Delivery | None = None
+        #: When the slot began the prefetched message that it gets next (0: when it gets it)
+        self.begins = 0.0
+        #: End of the last run that central knows: none reported later is before it.
+        self.known_until = 0.0
+        #: Seconds after which a handler that is no longer needed counts as hung (0: never)
+        self.hung_after = 0.0
+        #: By delivery: the timers of handlers that should return soon.
+        self.hang_timers: dict[int, Timer] = {}
+        self.was_replaced = False  #: whether its handler hung, and another slot replaced it
 
     @property
     def has_room(self) -> bool:
-        """Whether it handles nothing, but what it was given while it waited."""
+        """Whether it is free, apart from nested deliveries."""
         return not self.handling or all(one.nested for one in self.handling)
 
-    def then(self, now: float, ago: float) -> float:
-        """Central's time when something was, so long ago by the clock of this connection."""
+    def to_central_time(self, now: float, ago: float) -> float:
+        """Return central's time of a moment *ago* seconds back by the connection's clock.
+
+        The result is between the last known moment of the slot and *now*.
+        """
         return min(now, max(self.known_until, now - ago))
 
 
 class Connection(Slot):
-    """One socket of a module, with all that it is and does; and whom it reaches directly."""
+    """One socket of a module, with all its concerns, and what it may reach directly."""
 
     __slots__ = ("entrance", "licence", "routes", "watchers", "watches")
 
@@ -216,15 +191,15 @@ class Connection(Slot):
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
         Slot.__init__(self, connection_id, session, module, number)
-        self.entrance: Entrance | None = None  #: where this slot takes messages directly
-        self.licence = 0  #: to send directly (0: it has none)
-        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
-        self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
-        self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
+        self.entrance: Entrance | None = None  #: the address for direct messages to this slot
+        self.licence = 0  #: the number that allows it to send directly (0: none)
+        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is informed
+        self.watches: dict[Connection, None] = {}  #: slots of whose end it is informed
+        self.watchers: dict[Connection, None] = {}  #: connections informed of the end of this slot
 
 
 class Module(Stored):
-    """A connected program. It is there as long as one of its connections is."""
+    """A connected program. It exists as long as one of its connections does."""
 
     __slots__ = (
         "called",
@@ -242,29 +217,26 @@ class Module(Stored):
     def __init__(
         self, name: str, called: str, incarnation: str, process: str, principal: str = ""
     ) -> None:
-        self.name = name  #: unique among those connected
-        self.called = called  #: its own name: several copies of a program share it
+        self.name = name  #: unique among connected modules
+        self.called = called  #: its own name, which several copies of a program share
         self.incarnation = incarnation
         self.process = process
-        self.principal = (
-            principal  #: who runs it: a key's name, "uid:N", "" for the user who runs central
-        )
+        #: Its owner: a key's name, "uid:N", or "" for the user of central itself.
+        self.principal = principal
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
-        self.is_ready = False  #: it has attached what it attaches at its start
-        self.keeps: dict[
-            int, None
-        ] = {}  #: ids of the tasks, living or ended, that it wants remembered
+        self.is_ready = False  #: whether it has made the attachments of its start
+        self.keeps: dict[int, None] = {}  #: ids of tasks, living or ended, that it wants retained
 
     @property
     def holder(self) -> "Holder":
-        """This run, as one that attaches something."""
+        """This run of the module, as the owner of attachments."""
         return Holder(self.name, self.called, self.incarnation)
 
     @property
     def has_slots(self) -> bool:
-        """Whether any thread of it handles messages, or may."""
+        """Whether any of its resources has a slot."""
         return any(resource.capacity for resource in self.resources.values())
 
 
@@ -295,25 +267,23 @@ class Handler(Stored):
         self.module = module
         self.resource = resource
         self.pool = declared.pool  #: handlers of one pool share the messages
-        #: So many messages may wait for it (0: no limit of its own); of a variable only the newest
-        #: value is wanted.
+        #: Number of messages that may wait for it (0: no limit). Only the newest value of a
+        #: variable is useful.
         self.pending = 1 if message.message_class.keeps_value else declared.pending
-        self.direct = (
-            declared.direct
-        )  #: senders may do without central, where nothing speaks against it
-        self.accepts = declared.accepts  #: says itself when it accepts a task
-        self.takes = tuple(declared.takes)  #: the transitions of clients that it decides about
-        self.refuses = tuple(declared.refuses)  #: those that are refused in its name
-        self.busy = declared.busy  #: what becomes of a task that has to wait for it
+        self.direct = declared.direct  #: senders may bypass central, if nothing else prevents it
+        self.accepts = declared.accepts  #: it accepts tasks explicitly
+        self.takes = tuple(declared.takes)  #: transitions of clients that it decides about
+        self.refuses = tuple(declared.refuses)  #: transitions that central refuses for it
+        self.busy = declared.busy  #: what happens to a task that must wait for it
 
     @property
-    def has_wishes(self) -> bool:
-        """Whether a task's life goes otherwise than with any handler."""
+    def is_custom(self) -> bool:
+        """Whether it changes the usual life cycle of tasks."""
         return self.accepts or bool(self.takes or self.refuses) or self.busy is not Busy.QUEUE
 
 
 class Declared(Stored):
-    """What a message was declared as, and what follows from that."""
+    """The declaration of a message, and what follows from it."""
 
     __slots__ = (
         "declarers",
@@ -321,9 +291,9 @@ class Declared(Stored):
         "first_declared_by",
         "format",
         "initial",
-        "is_aside",
         "is_goal",
         "is_notice",
+        "is_outside_sequence",
         "message_class",
         "name",
         "parts",
@@ -335,21 +305,21 @@ class Declared(Stored):
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
-        """Take a format; those who declared another are gone."""
+        """Replace the format: the modules that declared the old one have disconnected."""
         self.format = declared
         self.name = declared.name
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
         self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
-        self.is_aside = declared.message_class.is_aside
+        self.is_outside_sequence = declared.message_class.is_outside_sequence
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
 
     @property
     def title(self) -> str:
-        """For people: "goal 'walk'"."""
+        """A name for texts: "goal 'walk'"."""
         return f"{self.message_class} '{self.name}'"
 
     @property
@@ -359,72 +329,68 @@ class Declared(Stored):
 
 
 class Served(Declared):
-    """A declared message with those who handle it, what waits for a handler, and counts of both."""
+    """A declared message with its handlers, the deliveries that wait for one, and counts."""
 
     __slots__ = (
         "awaited_by",
         "candidates",
+        "custom_handlers",
         "delivered",
         "dropped",
         "failed",
         "handlers",
         "serving",
         "waiting",
-        "wishes",
     )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Declared.__init__(self, declared, by)
         self.handlers: list[Handler] = []  #: newest last
         self.candidates: tuple[ModuleResource, ...] = ()
-        """The resources that may handle it: of the newest handler and of those in its pool."""
-        self.serving = 0  #: number of handlers that have a slot to be called in
-        self.wishes = 0  #: number of handlers that have some (Handler.has_wishes)
-        self.waiting: dict[
-            int, Delivery
-        ] = {}  #: deliveries that no handler is there for, oldest first
+        """The resources that may handle it: those of the newest handler and its pool."""
+        self.serving = 0  #: number of handlers that have a slot
+        self.custom_handlers = 0  #: number of handlers with ``is_custom``
+        #: By id, oldest first: deliveries for which there is no handler.
+        self.waiting: dict[int, Delivery] = {}
         self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
-        self.delivered = 0  #: how often a handler got it
-        self.failed = 0  #: how often one failed
-        self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
+        self.delivered = 0  #: number of deliveries to handlers
+        self.failed = 0  #: number of failures
+        self.dropped = 0  #: number of messages, and of copies for one receiver, that were dropped
 
     def add_handler(self, handler: "Handler") -> None:
-        """A newer handler."""
+        """Add a handler; it is the newest."""
         self.handlers.append(handler)
-        self.wishes += handler.has_wishes
+        self.custom_handlers += handler.is_custom
         self._find_candidates()
 
     def remove_handler(self, handler: "Handler") -> None:
-        """A handler is gone."""
+        """Remove a handler."""
         self.handlers.remove(handler)
-        self.wishes -= handler.has_wishes
+        self.custom_handlers -= handler.is_custom
         self._find_candidates()
 
     def _find_candidates(self) -> None:
+        """Find the resources of the newest handler and its pool."""
         pool = self.handlers[-1].pool if self.handlers else ""
         chosen = [one for one in self.handlers if one.pool == pool] if pool else self.handlers[-1:]
         self.candidates = tuple(handler.resource for handler in reversed(chosen))
 
 
 class MessageType(Served):
-    """A declared message: its format and handlers, what is attached to it, and who may send it
-    directly.
-    """
+    """A declared message: format, handlers, attachments, and the route for direct sending."""
 
-    __slots__ = ("attached", "route", "senders_told", "taps")
+    __slots__ = ("attached", "informed_senders", "route", "taps")
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         Served.__init__(self, declared, by)
-        self.attached: list[
-            AttachedHandler
-        ] = []  #: exception handlers of each of its tasks, newest last
+        self.attached: list[AttachedHandler] = []  #: exception handlers of all its tasks
         self.taps: list[Wiretap] = []  #: oldest first
         self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
-        self.senders_told: dict[Connection, None] = {}  #: senders that know the route
+        self.informed_senders: dict[Connection, None] = {}  #: connections that know the route
 
 
 class PresenceWait(Stored):
-    """A connection waits until each of some messages is handled, all at the same time."""
+    """A connection's wait until several messages are handled at the same time."""
 
     __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
 
@@ -432,34 +398,32 @@ class PresenceWait(Stored):
         self, connection: Connection, header: WaitUntilHandled, messages: Iterable[MessageType]
     ) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.promised = tuple(
-            header.promised
-        )  #: messages that will be handled when this wait is over
+        #: Messages that its module will handle when the wait is over.
+        self.promised = tuple(header.promised)
         self.messages = tuple(messages)
-        self.missing = sum(
-            not message.serving for message in self.messages
-        )  #: number of those that nobody handles
+        #: Messages without a handler.
+        self.missing = sum(not message.serving for message in self.messages)
         for message in self.messages:
             message.awaited_by[self] = None
 
     @property
     def size(self) -> int:
-        """Bytes that it holds."""
+        """The bytes that it holds."""
         return presence_size(self.messages)
 
     def end(self) -> None:
-        """Nobody waits any more."""
+        """End the wait."""
         for message in self.messages:
             del message.awaited_by[self]
 
 
 def presence_size(messages: Sequence[MessageType]) -> int:
-    """Bytes that a wait until messages are handled holds."""
+    """Return the bytes that a wait for these messages would hold."""
     return WAIT_BYTES + AWAITED_BYTES * len(messages)
 
 
 class Attachable(Protocol):
-    """A task or a message: what exception handlers and wiretaps are attached to."""
+    """A task or a message type: exception handlers and wiretaps are attached to it."""
 
     @property
     def attached(self) -> "list[AttachedHandler]":
@@ -473,8 +437,8 @@ class Attachable(Protocol):
 class Holder(NamedTuple):
     """A run of a program that has attached something."""
 
-    name: str  #: its module's, unique among those connected
-    called: str  #: the program's own
+    name: str  #: the module's name, unique among connected modules
+    called: str  #: the program's own name
     run: str  #: the incarnation
 
 
@@ -493,20 +457,17 @@ class AttachedHandler(Stored):
         by: str,
     ) -> None:
         self.id = number  #: newer ones have higher ids
-        self.failure = failure  #: "" for any
+        self.failure = failure  #: the failure that it handles; "" for any
         self.handler = handler
-        self.maximum = maximum  #: of its calls for one task; 0: any number
-        self.place = place  #: that it is attached to
-        self.by = by  #: the own name of the module that attached it
-        self.holders: dict[
-            str, Holder
-        ] = {}  #: by name: the run that did, and those of its copies that had before
+        self.maximum = maximum  #: number of calls allowed per task; 0: any number
+        self.place = place  #: the task or message that it is attached to
+        self.by = by  #: own name of the module that attached it
+        #: By name: the run that attached it, and earlier copies of it that had.
+        self.holders: dict[str, Holder] = {}
 
 
 class Wiretap(Stored):
-    """A wiretap: the listener is sent *before* some moments, which it holds back, or *at*
-    others.
-    """
+    """A wiretap: its listener is sent *before* some moments, which it holds, or *at* others."""
 
     __slots__ = (
         "at",
@@ -526,68 +487,55 @@ class Wiretap(Stored):
         self.id = tap_id
         self.condition = condition
         self.listener = listener
-        self.place = place  #: that it taps
+        self.place = place  #: the task or message that it taps
         self.before = 0
         self.at = 0
-        self.has_fired = False  #: of one task: has sent its listener
-        self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
-        self.holders: dict[
-            str, Holder
-        ] = {}  #: by name: the modules that added it and have not taken it away
+        self.has_fired = False  #: of a task's own wiretap: whether it has sent its listener
+        self.watch: WatchOptions | None = None  #: options of a listener that is a monitor
+        #: By name: the modules that added it and have not removed it.
+        self.holders: dict[str, Holder] = {}
 
     @property
     def is_heard(self) -> bool:
-        """Whether its listener is sent: somebody handles it, or it is a monitor, which watches by
-        itself.
-        """
+        """Whether its listener is sent: it has a handler, or it is a monitor, which needs none."""
         return bool(self.listener.handlers) or self.listener.message_class.is_monitor
 
 
-class Refusals(NamedTuple):
-    """Quiet tasks that the handler of a delivery has sent, and that were refused."""
-
-    delivery: int = 0
-    number: int = 0
-    text: str = ""  #: of the last one
-
-
-NOTHING_REFUSED = Refusals()
-
-
 class Context(Protocol):
-    """The reason for a message that central has made: see model/contexts.py."""
+    """The reason for a message that central has made (model/contexts.py)."""
 
     @property
     def header(self) -> Trouble | Tapped | Watching:
-        """What the handler is told of it."""
+        """The context that the handler gets."""
 
 
 class Queued(Stored):
-    """What waits for a slot, and then has one: its place in the queues, and who handles it."""
+    """The state of a message that waits for a slot, or has one."""
 
     __slots__ = ("arrival", "nested", "priority", "queues", "since", "slot", "ticket")
 
     def __init__(self) -> None:
         self.priority = 0
-        self.arrival = 0  #: when it could first be handled; kept when it has to queue again
-        self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled; of a task, to be
-        self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
-        self.queues: tuple[ModuleResource, ...] | None = (
-            None  #: where it waits; (): for a handler, None: nowhere
-        )
+        self.arrival = 0  #: rank among equal priorities; a message that is queued again keeps it
+        #: When its present wait for a slot or handler began, or its handling; of a task, also its
+        #: waiting for its start.
+        self.since = 0.0
+        self.ticket = 0  #: queue entries with another ticket are void
+        #: Where it waits: resources, () for any handler, None: in no queue.
+        self.queues: tuple[ModuleResource, ...] | None = None
         self.slot: Connection | None = None  #: the connection whose thread handles it
-        self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
+        self.nested = False  #: whether it is handled inside a wait of its slot, beyond the capacity
 
 
 class Delivery(Queued):
-    """One message on its way to one handler: what it is, where it comes from, and why."""
+    """One message on its way to one handler: its content, origin and reason."""
 
     is_task = False
 
     __slots__ = (
         "body",
         "context",
-        "given_as",
+        "handling_id",
         "id",
         "message",
         "message_id",
@@ -605,39 +553,40 @@ class Delivery(Queued):
     ) -> None:
         Queued.__init__(self)
         self.id = delivery_id
-        self.given_as = (
-            delivery_id  #: the number under which a handler has it; another one each time
-        )
+        #: The number under which a handler has it; each attempt has another one.
+        self.handling_id = delivery_id
         self.message_id = delivery_id
         self.message = message
         self.body = body
-        self.role = Role.NONE  #: why central made it
-        self.context: Context | None = None  #: the reason for it, if central made it
-        self.sender = sender  #: the receiver of the answer; None when it is gone
+        self.role = Role.NONE  #: why central made it; NONE if a module sent it
+        self.context: Context | None = None  #: the details of that reason
+        self.sender = sender  #: the receiver of the answer; None when it has disconnected
         self.sent_by: object = sender.module if sender is not None else None
-        """The module that sent it; if central made it, the sender of the message it was made for
-        (None: nobody).
+        """The module that sent it.
+
+        If central made it: the sender of the message that it was made for, or None.
         """
-        self.tap_depth = 0  #: number of wiretaps' listeners among its causes, it included
-        self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
-        self.number = 0  #: of the sender's request (0: no answer wanted)
-        self.refused = NOTHING_REFUSED  #: what its handler has sent quietly, in vain
+        self.tap_depth = 0  #: number of wiretaps' listeners among its causes, itself included
+        #: The delivery whose handler sent it (0: none, or unknown); not set for tasks.
+        self.origin = 0
+        self.number = 0  #: the sender's request (0: no answer wanted)
+        self.refused = NOTHING_REFUSED  #: refusals of unconfirmed tasks that its handler sent
 
     def __repr__(self) -> str:
         return f"{self.message.message_class} {self.id} '{self.message.name}'"
 
     @property
     def copy_of(self) -> int:
-        """The message that it is a copy of, for one receiver; 0 if it is the message's own."""
+        """The message that it is a copy of, for one receiver; 0 if it is the original."""
         return self.message_id if self.message_id != self.id else 0
 
     @property
     def is_stranded(self) -> bool:
-        """Whether it is an exception handler that nobody handles."""
+        """Whether it is an exception handler without a handler."""
         return self.role is Role.EXCEPTION and not self.message.handlers
 
     def withdraw(self) -> None:
-        """Leave the queues."""
+        """Leave all queues. The new ticket makes the entries void."""
         self.ticket += 1
         for resource in self.queues or ():
             resource.leave_queue(self)

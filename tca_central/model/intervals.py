@@ -1,5 +1,6 @@
-"""The moments of a task as places in the graph of constraints: some are reached together, and one
-stands for both.
+"""The moments of a task as nodes in the graph of constraints.
+
+Some are reached together: one of them stands for both.
 """
 
 from tca_central.errors import RequestError
@@ -11,7 +12,7 @@ SINGLE_MOMENTS = tuple(int(moment) for moment in MOMENTS)
 
 
 def checked_moment(point: Point) -> int:
-    """The moment of a point. Raises RequestError if it is not one moment."""
+    """Return the moment of a point. Raise RequestError if it is not exactly one moment."""
     moment = int(point.moment)
     if moment not in SINGLE_MOMENTS:
         raise RequestError(Refusal.PROTOCOL, f"{moment} is not a moment: give one bit of 1 to 32")
@@ -19,13 +20,14 @@ def checked_moment(point: Point) -> int:
 
 
 def delivered_at(is_goal: bool) -> int:
-    """The start moment whose constraints hold back a task's delivery to its handler."""
+    """Return the start moment whose constraints hold back a task's delivery."""
     return START_PLANNING if is_goal else START_ACHIEVING
 
 
 def unified(is_goal: bool, moment: int) -> int:
-    """The one moment that stands for those reached together, so that a constraint on either holds
-    both.
+    """Return the moment that stands for all those reached together with *moment*.
+
+    A constraint on any of them holds all.
     """
     return delivered_at(is_goal) if moment == START_HANDLING else moment
 
@@ -35,8 +37,9 @@ PREVIOUS = {
     for is_goal in (True, False)
     for moment, before in RULES[is_goal].order
 }
-"""By whether a task is a goal, and a moment: the moments of the task that come directly before it;
-none where it has no row.
+"""By (is goal, moment): the moments of the task that come directly before it.
+
+Moments that none precedes have no row.
 """
 
 NEXT = {
@@ -48,4 +51,4 @@ NEXT = {
     for is_goal in (True, False)
     for moment in SINGLE_MOMENTS
 }
-"""The moments that come directly after it."""
+"""By (is goal, moment): the moments that come directly after it."""

@@ -1,37 +1,37 @@
-"""What is known of tasks that have ended: outcomes, for a while, and the records that modules
-keep.
-"""
+"""The memory of ended tasks: outcomes, for a while, and the records that modules retain."""
 
 from tca_central.errors import RequestError
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import KeptTask, TaskOutcome
+from tca_central.model.tasks import TaskOutcome, TaskRecord
 from tca_wire.vocabulary import Outcome, Refusal
 
 REMEMBERED_OUTCOMES = 10_000
-"""Ended tasks whose failure or result can still be asked for."""
+"""Ended tasks whose failure or result can still be requested."""
 
 _DONE = Outcome.DONE, "", "", b""
 
 
 class Memory(Stored):
-    """Outcomes and records of ended tasks, within bounds."""
+    """The outcomes and records of ended tasks, within bounds."""
 
     __slots__ = ("forgotten", "kept", "kept_bytes", "outcome_bytes", "outcomes", "promises")
 
     def __init__(self) -> None:
-        self.outcomes: dict[
-            int, TaskOutcome
-        ] = {}  #: of those that did not just end well, oldest first
-        self.outcome_bytes = 0  #: that these hold
-        self.forgotten = 0  #: the highest id of a task whose outcome was known, and is no more
-        self.kept: dict[
-            int, KeptTask
-        ] = {}  #: records of ended tasks that modules keep, by id, oldest first
-        self.kept_bytes = 0  #: that these hold
-        self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
+        #: By task id, oldest first: outcomes that are more than "done".
+        self.outcomes: dict[int, TaskOutcome] = {}
+        self.outcome_bytes = 0  #: bytes of all outcomes
+        self.forgotten = 0  #: the highest id of a task whose outcome was forgotten
+        #: By task id, oldest first: records that modules retain.
+        self.kept: dict[int, TaskRecord] = {}
+        self.kept_bytes = 0  #: bytes of all records
+        #: Sum over all modules: number of tasks, living or ended, that each retains.
+        self.promises = 0
 
     def outcome_of(self, task_id: int) -> TaskOutcome | None:
-        """The outcome of an ended task; None if it is forgotten."""
+        """Return the outcome of an ended task; None if it was forgotten.
+
+        A task that is simply done needs no entry.
+        """
         if (record := self.kept.get(task_id)) is not None:
             return record.outcome
         if task_id <= self.forgotten and task_id not in self.outcomes:
@@ -39,7 +39,7 @@ class Memory(Stored):
         return self.outcomes.get(task_id, _DONE)
 
     def known_outcome(self, task_id: int) -> TaskOutcome:
-        """The outcome of an ended task. Raises RequestError if it is forgotten."""
+        """Return the outcome of an ended task. Raise RequestError if it was forgotten."""
         if (outcome := self.outcome_of(task_id)) is not None:
             return outcome
         raise RequestError(
@@ -47,18 +47,16 @@ class Memory(Stored):
         )
 
     def remember(self, task_id: int, outcome: TaskOutcome, most_bytes: int) -> list[int]:
-        """Note an outcome of which there is more to tell than that the task is done; the tasks that
-        give way.
-        """
+        """Store an outcome that is more than "done". Return the tasks whose outcomes give way."""
         self.outcomes[task_id] = outcome
         self.outcome_bytes += _size(outcome)
-        gone = []
+        displaced = []
         while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > most_bytes:
             oldest = next(iter(self.outcomes))
             self.outcome_bytes -= _size(self.outcomes.pop(oldest))
             self.forgotten = max(self.forgotten, oldest)
-            gone.append(oldest)
-        return gone
+            displaced.append(oldest)
+        return displaced
 
 
 def _size(outcome: TaskOutcome) -> int:

@@ -1,4 +1,4 @@
-"""Who observes the states of which tasks. Knows nothing of how they change."""
+"""The observers of tasks' states. Knows nothing of how the states change."""
 
 from collections.abc import Iterator
 
@@ -10,13 +10,14 @@ from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind
 
 OTHERS = ""
-"""Stands for what is under a task, and for all, where others are named."""
+"""The group of observations of a subtree or of all tasks.
+
+The other groups are named by a task's id or a message's name.
+"""
 
 
 class Observation(Stored):
-    """A connection is told of the states of one task, of a message's tasks, of those under a task,
-    or of all.
-    """
+    """A connection observes the states of one task, a message's tasks, a subtree, or all tasks."""
 
     __slots__ = (
         "below",
@@ -32,22 +33,22 @@ class Observation(Stored):
 
     def __init__(self, connection: Connection, header: Observe) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.told = 0  #: answers
-        self.is_awaited = (
-            False  #: whoever observes does nothing, as far as is known, before the next one
-        )
+        self.told = 0  #: number of changes reported
+        #: Whether its connection, as far as central knows, waits for the next change.
+        self.is_awaited = False
         self.task_id, self.message, self.below = header.task, header.message, header.below
-        self.states = tuple(header.states)  #: only changes to one of these (none: to any)
+        #: The states whose changes are reported (empty: all states)
+        self.states = tuple(header.states)
 
     @property
     def subject(self) -> str:
-        """What it is about, where that is no certain task: "any move leg"."""
+        """Text for its subject if that is not one task: "any move leg"."""
         under = f" under {{{self.below}}}" if self.below else ""
         return "" if self.task_id else f"any {self.message or 'task'}{under}"
 
     @property
     def wait(self) -> tuple[str, int, TaskId, int, WaitKind, str]:
-        """The wait for its news, as facts have it."""
+        """The arguments of the facts about the wait for a change."""
         return (
             self.connection.module.name,
             self.origin,
@@ -58,7 +59,7 @@ class Observation(Stored):
         )
 
     def wants(self, task: Task) -> bool:
-        """Whether it is about that task, where it names none."""
+        """Whether an observation that names no task includes this one."""
         is_below = not self.below or (
             task.parent is not None and task.parent.above(self.below) is not None
         )
@@ -66,9 +67,7 @@ class Observation(Stored):
 
 
 class Observers(Stored):
-    """All observations, by what they are about: a task, by its id, a message, by its name, or
-    others.
-    """
+    """All observations, grouped by what they are about."""
 
     __slots__ = ("count", "groups")
 
@@ -78,34 +77,34 @@ class Observers(Stored):
 
     @property
     def others(self) -> dict[Observation, None]:
-        """Those of what is under a task, or of all."""
+        """Observations of a subtree, or of all tasks."""
         return self.groups[OTHERS]
 
     def concern(self, task: Task) -> bool:
-        """Whether somebody may observe a task: quickly said of most that nobody does."""
+        """Whether a task may have observers. For most tasks this is a quick no."""
         if not self.count:
             return False
         return bool(self.others) or task.message.name in self.groups or task.id in self.groups
 
-    def add(self, one: Observation) -> None:
-        """Somebody observes from now on."""
-        self.groups.setdefault(_subject(one), {})[one] = None
+    def add(self, observation: Observation) -> None:
+        """Add an observation."""
+        self.groups.setdefault(_subject(observation), {})[observation] = None
         self.count += 1
 
-    def remove(self, one: Observation) -> None:
-        """Nobody does any more."""
-        subject = _subject(one)
-        del self.groups[subject][one]
+    def remove(self, observation: Observation) -> None:
+        """Remove an observation."""
+        subject = _subject(observation)
+        del self.groups[subject][observation]
         self.count -= 1
         if not (self.groups[subject] or subject == OTHERS):
             del self.groups[subject]
 
     def of(self, task: Task) -> Iterator[Observation]:
-        """Those who observe a task, each once."""
+        """Yield the observations of a task, each once."""
         yield from self.groups.get(task.id, ())
         yield from self.groups.get(task.message.name, ())
-        yield from (one for one in self.others if one.wants(task))
+        yield from (observation for observation in self.others if observation.wants(task))
 
 
-def _subject(one: Observation) -> int | str:
-    return one.task_id or (OTHERS if one.below else one.message)
+def _subject(observation: Observation) -> int | str:
+    return observation.task_id or (OTHERS if observation.below else observation.message)

@@ -1,5 +1,6 @@
-"""The registry of connections, modules and declared messages, and the values of variables. Knows
-nothing of tasks, time or sockets.
+"""The registry of connections, modules and declared messages, and the values of variables.
+
+Knows nothing of tasks, time or sockets.
 """
 
 from typing import NamedTuple
@@ -18,10 +19,10 @@ from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import Refusal
 
 REMEMBERED_CONNECTIONS = 256
-"""Connections that were lost lately, and may come back."""
+"""Lost connections that may come back."""
 
 MESSAGES = 10_000
-"""Names of messages that may be known at a time."""
+"""Names of messages that may be known at the same time."""
 
 
 class Registry(Stored):
@@ -32,10 +33,10 @@ class Registry(Stored):
         "bytes",
         "connections",
         "dropped",
-        "look_after",
         "lost",
         "messages",
         "modules",
+        "next_search",
         "permissions",
     )
 
@@ -43,22 +44,21 @@ class Registry(Stored):
         self.connections: dict[ConnectionId, Connection] = {}
         self.modules: dict[str, Module] = {}  #: by incarnation
         self.messages: dict[str, MessageType] = {}
-        self.lost: dict[
-            str, Connection
-        ] = {}  #: lately lost, by session: they may come back and repeat requests
+        #: By session: connections lost lately, which may come back and repeat requests.
+        self.lost: dict[str, Connection] = {}
         self.permissions = Permissions()
-        self.bytes = 0  #: that declared messages and resources hold
-        self.dropped = 0  #: number of messages dropped of those that are forgotten
-        self.look_after = (
-            0  #: the event from which on messages are looked for that can be forgotten
-        )
-        self._names: dict[str, None] = {}  #: of modules
+        self.bytes = 0  #: bytes of declared messages and resources
+        self.dropped = 0  #: number of dropped messages whose type was forgotten
+        #: Number of the event before which no search for unneeded messages starts.
+        self.next_search = 0
+        self._names: dict[str, None] = {}  #: names of modules in use
 
     def module(
         self, name: str, incarnation: str, process: str, principal: str
     ) -> tuple[Module, bool]:
-        """The module of that incarnation, and whether it is new. A name in use gets a number:
-        "legs#2".
+        """Return the module of an incarnation, and whether it is new.
+
+        A name in use gets a number: "legs#2".
         """
         if known := self.modules.get(incarnation):
             return known, False
@@ -70,11 +70,13 @@ class Registry(Stored):
         return self.modules[incarnation], True
 
     def resource(self, module: Module, name: str) -> ModuleResource:
-        """A module's resource, made when first named. A lock of it in one copy of a program holds
-        in all.
+        """Return a module's resource, creating it at its first use.
+
+        It joins the same resource in other copies of the program, so that a lock holds in all
+        copies.
         """
         if name not in module.resources:
-            module.resources[name] = made = ModuleResource(module.name, name)
+            module.resources[name] = resource = ModuleResource(module.name, name)
             self.bytes += RESOURCE_BYTES
             copies = (
                 one
@@ -86,16 +88,17 @@ class Registry(Stored):
                     (one.resources[name] for one in copies if name in one.resources), None
                 )
             ) is not None:
-                made.join_copies(other)
+                resource.join_copies(other)
         return module.resources[name]
 
     def ready_programs(self) -> set[str]:
-        """The programs of which a run is there that has attached what it attaches at its start."""
+        """Return the programs of which a connected run has made the attachments of its start."""
         return {module.called for module in self.modules.values() if module.is_ready}
 
     def forget_connection(self, connection: Connection) -> Connection | None:
-        """Remove a connection; its requests and answers are kept for a while; of the one returned
-        no longer.
+        """Remove a connection. Its requests and answers are retained for a while.
+
+        Returns the connection whose requests and answers are no longer retained.
         """
         del self.connections[connection.id]
         del connection.module.connections[connection.session]
@@ -105,26 +108,22 @@ class Registry(Stored):
         return self.lost.pop(next(iter(self.lost)))
 
     def forget_message(self, message: MessageType) -> None:
-        """Forget a declared message that nobody needs."""
+        """Forget a declared message that is no longer needed."""
         del self.messages[message.name]
         self.bytes -= type_size(message.format)
         self.dropped += message.dropped
 
     def forget_module(self, module: Module) -> None:
-        """Forget a module. The messages that it declared stay, for tasks may still wait for
-        them.
-        """
+        """Forget a module. Its messages stay, because tasks may still wait for them."""
         del self.modules[module.incarnation]
         self.bytes -= RESOURCE_BYTES * len(module.resources)
         self._names.pop(module.name, None)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
-        self.look_after = 0  # what it declared may be forgotten, however few events there have been
+        self.next_search = 0  # its messages may be forgotten: a search makes sense again
 
     def check(self, declared: MessageFormat, module: Module) -> None:
-        """Raises RequestError if others know a message of that name with another format or
-        class.
-        """
+        """Raise RequestError if the name is known with another format or class."""
         known = self.messages.get(declared.name)
         check_name("message", declared.name)
         if declared.name.startswith(PREFIX):
@@ -138,7 +137,10 @@ class Registry(Stored):
         _refuse_difference(declared, module, known.format, f"module '{known.first_declared_by}'")
 
     def declare(self, declared: MessageFormat, module: Module) -> tuple[MessageType, bool]:
-        """The message of that name, and whether it, or its format, is new; ``check`` has passed."""
+        """Return the message of that name, and whether it or its format is new.
+
+        ``check`` has passed.
+        """
         message = self.messages.get(declared.name)
         is_new = message is None or not (message.declarers or message.format == declared)
         if message is None:
@@ -152,7 +154,7 @@ class Registry(Stored):
 
 
 def type_size(declared: MessageFormat) -> int:
-    """Bytes that a declared message holds."""
+    """Return the bytes that a declared message holds."""
     texts = (
         declared.name,
         declared.data,
@@ -165,7 +167,7 @@ def type_size(declared: MessageFormat) -> int:
 
 
 def _check_life_cycle(declared: MessageFormat) -> None:
-    """Raises RequestError if the table of a declaration is none that a task could go by."""
+    """Raise RequestError if the life cycle of a declaration cannot be used."""
     if not declared.message_class.is_task:
         raise RequestError(
             Refusal.FORMAT,
@@ -178,12 +180,13 @@ def _check_life_cycle(declared: MessageFormat) -> None:
 
 
 def _check_notice(declared: MessageFormat, module: Module) -> None:
-    """Modules may handle central's notices, as they are, and declare nothing else that is called
-    so.
-    """
+    """Raise RequestError unless a declaration with a reserved name is one of central's notices."""
     notice = NOTICES.get(declared.name)
     if notice is None:
-        text = f"'{declared.name}': names that begin with '{PREFIX}' are central's own, and it sends no such notice"
+        text = (
+            f"'{declared.name}': names that begin with '{PREFIX}' are central's own, "
+            "and it sends no such notice"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     _refuse_difference(declared, module, notice.format, "central")
 
@@ -191,14 +194,16 @@ def _check_notice(declared: MessageFormat, module: Module) -> None:
 def _refuse_difference(
     declared: MessageFormat, module: Module, known: MessageFormat, there: str
 ) -> None:
-    """Raise RequestError where a declaration differs from the one known *there*."""
+    """Raise RequestError if a declaration differs from the one known *there*."""
     if known.message_class != declared.message_class:
         difference = f"a {declared.message_class} here, a {known.message_class} there"
     else:
         what = "result" if declared.message_class.is_task else "reply"
         data = first_difference(declared.data, known.data)
         reply = first_difference(declared.reply, known.reply)
-        difference = f"data {data}" if data else f"{what} {reply}" if reply else ""
+        difference = f"data {data}" if data else ""
+        if not difference and reply:
+            difference = f"{what} {reply}"
         if not difference and (progress := first_difference(declared.progress, known.progress)):
             difference = f"intermediate result {progress}"
         if not difference and declared.life_cycle != known.life_cycle:
@@ -222,15 +227,13 @@ class Value(NamedTuple):
     """A variable's value, and the module that set it."""
 
     body: bytes
-    format: str  #: of the variable then
-    set_by: str  #: a module's name
-    message_id: int  #: of the message that set it
+    format: str  #: the variable's format when it was set
+    set_by: str  #: name of the module
+    message_id: int  #: the message that set it
 
 
 class Variables(Stored):
-    """The values that variables have; one that was never set has none. They outlive the module that
-    set them.
-    """
+    """The values of variables. They outlive the module that set them."""
 
     __slots__ = ("bytes", "values")
 
@@ -239,15 +242,18 @@ class Variables(Stored):
         self.bytes = 0  #: size of all values
 
     def check_room(self, name: str, body: bytes, most: int) -> None:
-        """Raises RequestError if this value would be too much."""
+        """Raise RequestError if all values would hold more than *most* bytes with this one."""
         known = self.values.get(name)
         size = self.bytes + len(body) - (len(known.body) if known else 0)
         if size > most:
-            text = f"with {len(body)} bytes in '{name}' all variables would hold {size}: {most} are allowed"
+            text = (
+                f"with {len(body)} bytes in '{name}' all variables would hold {size}: "
+                f"{most} are allowed"
+            )
             raise RequestError(Refusal.OVERLOAD, text)
 
-    def put(self, name: str, value: Value) -> None:
-        """The newest value wins; ``check_room`` has passed."""
+    def set(self, name: str, value: Value) -> None:
+        """Replace a variable's value. ``check_room`` has passed."""
         self.forget(name)
         self.values[name] = value
         self.bytes += len(value.body)

@@ -1,20 +1,18 @@
 """Resources: the slots of a part of a module, the queue for them, and locks.
 
-Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5:
-res.c; capacity is the number of messages delivered and not yet completed, not the length of a
-queue).
+Knows capacity and order, but no constraints, messages' meaning or sockets (TCA 8.5: res.c).
+Capacity is the number of messages delivered and not yet completed; it is not the length of a queue.
 
 Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher
-priority first, then arrival. A claim whose turn has come holds back all behind it until nobody is
-in the resource; then it is granted. While a lock is held nobody is let in, while a reservation is,
-only what its owner sends. Where a program runs in several copies, each has its slots and its queue;
-a claim is for all of them, waits in each queue, and is granted when its turn has come in each and
-nobody is in any.
+priority first, then arrival. A claim whose turn has come holds back everything behind it until the
+resource is empty; then it is granted. A lock admits nothing. A reservation admits only what its
+owner sends. If a program runs in several copies, each has its own slots and queue. A claim is for
+all of them and waits in each queue. It is granted when its turn has come in each and all are empty.
 
-The slot of a resource that has only one may have messages *ahead*: it was sent them before it is
-free, so that it need not wait for the next. They still wait, before all others in the queue, and
-nothing may come between: if something that goes first comes, they are recalled, and nobody is let
-in until the slot has said which it had not begun.
+A resource with a single slot may *prefetch*: the slot gets messages before it is free, which saves
+the wait for the next one. They still wait, before all others in the queue, in ``prefetched``, and
+nothing may overtake them. If something that goes first arrives, they are recalled. Nothing is
+admitted then until the slot has said which of them it had not begun.
 """
 
 import heapq
@@ -29,7 +27,7 @@ from tca_wire.journal.facts import Fact
 
 
 class Queueable(Protocol):
-    """A message or claim that waits. Its queue entry is void once *ticket* has changed."""
+    """A message or claim that waits. A queue entry with another *ticket* is void."""
 
     ticket: int
     priority: int
@@ -42,40 +40,43 @@ class Queueable(Protocol):
 
 
 VOID_ENTRIES = 64
-"""Void entries that a queue may hold beyond as many as it has valid ones."""
+"""Void entries that a queue may hold beyond the number of valid ones."""
 
 INSIDE = 1 << 62
-"""Higher than any priority: of who claims a resource from inside it."""
+"""Higher than any priority: that of a claim from inside the resource."""
 
 S = TypeVar("S")  # a slot's type
 Q = TypeVar("Q", bound=Queueable)
 
 
 class PendingLimit(Stored, Generic[Q]):
-    """At most *most* deliveries of one message wait for a resource (TCA 8.5:
-    LimitPendingMessages).
-    """
+    """At most *most* deliveries of a message wait for a resource (TCA: LimitPendingMessages)."""
 
     __slots__ = ("most", "waiting")
 
     def __init__(self, most: int) -> None:
         self.most = most
-        self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in the order in which they came
+        self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in order of arrival
 
     def add(self, delivery: Q) -> Q | None:
-        """A delivery waits now; the one that must give way: it has waited longest, whatever its
-        priority.
+        """Add a delivery.
+
+        Return the one that must give way: the longest waiting, whatever its priority.
         """
         self.waiting[delivery] = None
         return next(iter(self.waiting)) if len(self.waiting) > self.most else None
 
     def remove(self, delivery: Q) -> None:
-        """A delivery waits no longer."""
+        """Remove a delivery that waits no longer."""
         self.waiting.pop(delivery, None)
 
 
 class Queue(Stored, Generic[Q]):
-    """Waiting messages and claims: higher priority first, then arrival."""
+    """Waiting messages and claims: higher priority first, then arrival.
+
+    To remove an entry from the middle of a heap is expensive. An entry becomes void instead, by a
+    new ticket of its message, and is dropped when it reaches the front.
+    """
 
     __slots__ = ("_heap", "waiting")
 
@@ -85,13 +86,13 @@ class Queue(Stored, Generic[Q]):
             tuple[int, int, int, Q]
         ] = []  #: (-priority, arrival, ticket, waiting entry)
 
-    def put(self, one: Q) -> None:
-        """Let one more wait."""
+    def add(self, entry: Q) -> None:
+        """Add an entry."""
         self.waiting += 1
-        heapq.heappush(self._heap, (-one.priority, one.arrival, one.ticket, one))
+        heapq.heappush(self._heap, (-entry.priority, entry.arrival, entry.ticket, entry))
 
     def mark_void(self) -> None:
-        """An entry became void."""
+        """Count one more void entry. The heap is rebuilt when more than half of it is void."""
         self.waiting -= 1
         if not self.waiting:
             self._heap.clear()
@@ -100,17 +101,17 @@ class Queue(Stored, Generic[Q]):
             heapq.heapify(self._heap)
 
     def first(self) -> Q | None:
-        """The next in line; it stays until it is withdrawn."""
+        """Return the next in line. It stays until it is withdrawn."""
         while self._heap:
-            _, _, ticket, one = self._heap[0]
-            if one.ticket == ticket:
-                return one
+            _, _, ticket, entry = self._heap[0]
+            if entry.ticket == ticket:
+                return entry
             heapq.heappop(self._heap)
         return None
 
     def __iter__(self) -> Iterator[Q]:
-        """All waiting entries, in no particular order."""
-        return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
+        """Yield all waiting entries, in no particular order."""
+        return (entry for _, _, ticket, entry in self._heap if entry.ticket == ticket)
 
 
 class Claim(Stored, Generic[S, Q]):
@@ -137,15 +138,14 @@ class Claim(Stored, Generic[S, Q]):
         self, resource: "Resource[S, Q]", slot: S, owner: object, *, admits_owner: bool
     ) -> None:
         self.resource = resource
-        self.slot = slot  #: its sender; a slot of the resource does not wait for itself
-        self.owner = owner  #: whose messages a reservation lets in
-        self.admits_owner = admits_owner  #: it is a reservation
-        self.holder: Q | None = (
-            None  #: the delivery at whose end it ends; None: it ends with its connection
-        )
+        self.slot = slot  #: its sender; it does not wait for itself if it is a slot of the resource
+        self.owner = owner  #: the sender whose messages a reservation admits
+        self.admits_owner = admits_owner  #: whether it is a reservation
+        #: The delivery at whose end it ends; None: it ends with its connection.
+        self.holder: Q | None = None
         self.id = 0
-        self.number = 0  #: of the request
-        self.timer: Timer | None = None  #: when it has waited long enough
+        self.number = 0  #: the number of the request
+        self.timer: Timer | None = None  #: the timeout of its wait
         self.priority = 0
         self.arrival = 0
         self.ticket = 0
@@ -153,7 +153,7 @@ class Claim(Stored, Generic[S, Q]):
 
     @property
     def sent_by(self) -> object:
-        """Nobody: a claim is not let in by a reservation."""
+        """The claim itself: no reservation admits a claim."""
         return self
 
     @property
@@ -163,55 +163,55 @@ class Claim(Stored, Generic[S, Q]):
 
 
 class Resource(Stored, Generic[S, Q]):
-    """Slots that handle one message each, and those that wait for one."""
+    """Slots that handle one message each, and the queue for them."""
 
     __slots__ = (
         "_free",
         "_queue",
         "_sent_by",
-        "ahead",
-        "ahead_at",
-        "called_back",
         "claims",
         "copies",
         "held_by",
         "is_recalling",
+        "locked_out_questions",
         "module",
         "name",
         "numbers",
+        "prefetched",
+        "prefetching_slot",
         "slots",
     )
 
     def __init__(self, module: str, name: str) -> None:
         self.module = module
         self.name = name
-        self.copies: list[Resource[S, Q]] = [
-            self
-        ]  #: it, and the same resource of other copies of its module; one list
+        #: The same resource in all copies of its module, itself included; one shared list.
+        self.copies: list[Resource[S, Q]] = [self]
         self.slots: dict[S, None] = {}
-        self.numbers: dict[S, int] = {}  #: by slot, from 1; a new one gets the lowest that is free
+        self.numbers: dict[S, int] = {}  #: by slot, from 1; a new slot gets the lowest free number
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
-        self.claims: dict[Claim[S, Q], None] = {}  #: those that wait, oldest first
-        self.called_back: dict[
-            Q, S
-        ] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
-        self.ahead: dict[Q, tuple[Fact, ...] | None] = {}
-        """Messages that its only slot has already, and has not begun as far as is known -> None or,
-        of one that nobody wants any more, the facts to be recorded when the slot has said whether
-        it had begun it.
+        self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
+        #: Questions of its own slots that a lock keeps out -> the asking slot.
+        self.locked_out_questions: dict[Q, S] = {}
+        self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
+        """Messages that its only slot has prefetched and, as far as central knows, not begun.
+
+        A message that was dropped in the meantime has the facts to record when the slot has said
+        whether it had begun it. All others have None.
         """
-        self.ahead_at: S | None = None  #: the slot that has, or had, them
-        self.is_recalling = False  #: the slot has yet to say which of them it had not begun
+        self.prefetching_slot: S | None = (
+            None  #: the slot that has, or had, the prefetched messages
+        )
+        self.is_recalling = False  #: whether the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S, Q]] = Queue()
-        self._sent_by: dict[object, Queue[Q]] | None = (
-            None  #: the same messages by sender, once it was reserved
-        )
+        #: The queue split by sender; built at the first reservation.
+        self._sent_by: dict[object, Queue[Q]] | None = None
 
     @property
     def waiting(self) -> int:
-        """Number of messages that wait."""
-        return self._queue.waiting - len(self.claims) + len(self.ahead)
+        """The number of messages that wait."""
+        return self._queue.waiting - len(self.claims) + len(self.prefetched)
 
     @property
     def capacity(self) -> int:
@@ -220,27 +220,25 @@ class Resource(Stored, Generic[S, Q]):
 
     @property
     def free(self) -> int:
-        """Number of slots that handle nothing."""
+        """The number of free slots."""
         return len(self._free)
 
     def add_slot(self, slot: S) -> None:
-        """A connection that handles messages for this resource came; it takes none before
-        ``free_slot``.
-        """
+        """Add a slot. It gets no message before ``free_slot``."""
         self.numbers[slot] = min({*range(1, len(self.slots) + 2)}.difference(self.numbers.values()))
         self.slots[slot] = None
 
     def remove_slot(self, slot: S) -> None:
-        """Such a connection is gone."""
+        """Remove a slot whose connection has closed."""
         self.slots.pop(slot, None)
         self.numbers.pop(slot, None)
         self._free.pop(slot, None)
-        if slot is self.ahead_at:
-            self.ahead_at = None
+        if slot is self.prefetching_slot:
+            self.prefetching_slot = None
 
     @property
     def is_locked(self) -> bool:
-        """Whether nobody at all is let in."""
+        """Whether a lock admits nothing."""
         return self.held_by is not None and not self.held_by.admits_owner
 
     def is_free(self, slot: S) -> bool:
@@ -248,21 +246,22 @@ class Resource(Stored, Generic[S, Q]):
         return slot in self._free
 
     def slot_for(self, message: Q) -> S | None:
-        """A free slot for a message that has just come, no longer free; None if it must wait."""
-        if not self._free or self.ahead or self.is_recalling or not self.admits(message):
+        """Take a free slot for a message that has just arrived; None if it must wait."""
+        if not self._free or self.prefetched or self.is_recalling or not self.admits(message):
             return None
         if self._queue.waiting and self._is_behind(message):
             return None
-        return self.take_slot()
+        return self.acquire_slot()
 
     def admits(self, message: Q) -> bool:
-        """Whether neither a lock nor a reservation keeps a message out."""
+        """Whether no lock or reservation keeps a message out."""
         held_by = self.held_by
         return held_by is None or (held_by.admits_owner and message.sent_by is held_by.owner)
 
     def _is_behind(self, message: Q) -> bool:
-        """Whether something waits that goes first: a claim or, where a lock has just ended, a
-        message.
+        """Whether something in the queue goes before a new message.
+
+        It is a claim or, where a lock has just ended, a message.
         """
         first = self._first_in_line()
         return first is not None and (-first.priority, first.arrival) < (
@@ -270,11 +269,13 @@ class Resource(Stored, Generic[S, Q]):
             message.arrival,
         )
 
-    def take_slot(self) -> S:
-        """The slot that has been free longest, or that has the next message already; no longer
-        free.
-        """
-        slot = self.ahead_at if self.ahead and self.ahead_at is not None else next(iter(self._free))
+    def acquire_slot(self) -> S:
+        """Take the slot that has been free longest, or that has prefetched the next message."""
+        slot = (
+            self.prefetching_slot
+            if self.prefetched and self.prefetching_slot is not None
+            else next(iter(self._free))
+        )
         del self._free[slot]
         return slot
 
@@ -282,71 +283,77 @@ class Resource(Stored, Generic[S, Q]):
         """Mark a slot free: its message is completed."""
         self._free[slot] = None
 
-    # --- those that wait --------------------------------------------------------------------------
+    # --- the queue --------------------------------------------------------------------------------
 
-    def queue(self, one: Q) -> None:
-        """Let a message wait its turn."""
-        self._queue.put(one)
+    def queue(self, message: Q) -> None:
+        """Queue a message."""
+        self._queue.add(message)
         if self._sent_by is not None:
-            self._sort_in(self._sent_by, one)
+            self._add_by_sender(self._sent_by, message)
 
     @staticmethod
-    def _sort_in(sent_by: dict[object, Queue[Q]], one: Q) -> None:
-        sender = one.sent_by
+    def _add_by_sender(sent_by: dict[object, Queue[Q]], message: Q) -> None:
+        """Add a message to the queue of its sender."""
+        sender = message.sent_by
         if sender not in sent_by:
             sent_by[sender] = Queue()
-        sent_by[sender].put(one)
+        sent_by[sender].add(message)
 
-    def leave_queue(self, one: Q) -> None:
-        """A message waits no longer; its entries have become void."""
-        if self.called_back:
-            self.called_back.pop(one, None)
-        if one in self.ahead:
-            del self.ahead[one]
+    def leave_queue(self, message: Q) -> None:
+        """Remove a message: its entries have become void."""
+        if self.locked_out_questions:
+            self.locked_out_questions.pop(message, None)
+        if message in self.prefetched:
+            del self.prefetched[message]
             return
         self._queue.mark_void()
         if self._sent_by is not None:
-            of_sender = self._sent_by[one.sent_by]
+            of_sender = self._sent_by[message.sent_by]
             of_sender.mark_void()
             if not of_sender.waiting:
-                del self._sent_by[one.sent_by]
+                del self._sent_by[message.sent_by]
 
     def queued(self) -> Iterator[Q]:
-        """The messages that wait, in no particular order."""
-        return chain(self.ahead, (one for one in self._queue if not isinstance(one, Claim)))
+        """Yield the waiting messages, in no particular order."""
+        return chain(
+            self.prefetched, (entry for entry in self._queue if not isinstance(entry, Claim))
+        )
 
     def first_message(self) -> Q | None:
-        """A message that waits before the others, whatever claims do."""
-        self._queue.first()  # removes void entries before it
+        """Return the first waiting message, whatever claims precede it."""
+        self._queue.first()  # drops void entries at the front
         return next(self.queued(), None)
 
     def in_line(self) -> list[Q | Claim[S, Q]]:
-        """Messages and claims that wait, in their order."""
-        return [*self.ahead, *sorted(self._queue, key=lambda one: (-one.priority, one.arrival))]
+        """Return the waiting messages and claims, in their order."""
+        return [
+            *self.prefetched,
+            *sorted(self._queue, key=lambda entry: (-entry.priority, entry.arrival)),
+        ]
 
     def next_queued(self) -> Q | Claim[S, Q] | None:
-        """The next that may be let in: a message, or a claim that is to be granted now."""
+        """Return what may be admitted next: a message, or a claim to grant now."""
         if self.is_recalling:
             return None
         first = self._first_in_line()
-        if isinstance(first, Claim) and not self._may_have(first):
+        if isinstance(first, Claim) and not self._can_be_granted(first):
             return None
         return first
 
     def next_question(self) -> Q | None:
-        """The next that may be let in where tasks may not; none that is behind a claim."""
+        """Return the next message to admit while tasks may not start; None behind a claim."""
         others = [
-            one
-            for one in self._queue
-            if not one.is_task and (isinstance(one, Claim) or self.admits(one))
+            entry
+            for entry in self._queue
+            if not entry.is_task and (isinstance(entry, Claim) or self.admits(entry))
         ]
-        first = min(others, key=lambda one: (-one.priority, one.arrival), default=None)
+        first = min(others, key=lambda entry: (-entry.priority, entry.arrival), default=None)
         return None if isinstance(first, Claim) or self.is_recalling else first
 
-    # --- messages ahead ---------------------------------------------------------------------------
+    # --- prefetched messages ----------------------------------------------------------------------
 
-    def next_ahead(self) -> Q | None:
-        """The message that may be sent ahead next; None if something may come between."""
+    def next_to_prefetch(self) -> Q | None:
+        """Return the message that may be prefetched next; None if one may be overtaken."""
         if (
             self.is_recalling
             or self.claims
@@ -357,40 +364,41 @@ class Resource(Stored, Generic[S, Q]):
         first = self._queue.first() if len(self.slots) == 1 else None
         return None if isinstance(first, Claim) else first
 
-    def send_ahead(self, first: Q) -> S:
-        """The first message in the queue goes to the slot, which is returned."""
+    def mark_prefetched(self, first: Q) -> S:
+        """Mark the first message in the queue as prefetched. Return its slot."""
         first.ticket += 1
         self._queue.mark_void()
-        self.ahead[first] = None
-        self.ahead_at = next(iter(self.slots))
-        return self.ahead_at
+        self.prefetched[first] = None
+        self.prefetching_slot = next(iter(self.slots))
+        return self.prefetching_slot
 
-    def take_back(self, message: Q) -> tuple[Fact, ...] | None:
-        """The slot does not have a message any more, which waits as before; the facts, if nobody
-        wants it any more.
+    def requeue_prefetched(self, message: Q) -> tuple[Fact, ...] | None:
+        """Queue a prefetched message again.
+
+        If it was dropped in the meantime, return the facts to record.
         """
-        self._queue.put(message)
-        return self.ahead.pop(message)
+        self._queue.add(message)
+        return self.prefetched.pop(message)
 
     def is_overtaken_by(self, newest: "Q | Claim[S, Q]") -> bool:
-        """Whether what has just come goes before a message that the slot has already."""
-        if not self.ahead:
+        """Whether what has just arrived goes before a prefetched message."""
+        if not self.prefetched:
             return False
-        last = next(reversed(self.ahead))
+        last = next(reversed(self.prefetched))
         return (-newest.priority, newest.arrival) < (-last.priority, last.arrival)
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
-        """The next in line among those that the lock or reservation in force admits."""
-        if self.ahead:
-            return next(iter(self.ahead))
+        """Return the next in line among those that the lock or reservation admits."""
+        if self.prefetched:
+            return next(iter(self.prefetched))
         if self.held_by is None:
             return self._queue.first()
         if not self.held_by.admits_owner:
             return None
         if self._sent_by is None:
             self._sent_by = {}
-            for one in self.queued():
-                self._sort_in(self._sent_by, one)
+            for message in self.queued():
+                self._add_by_sender(self._sent_by, message)
         mine = self._sent_by.get(self.held_by.owner)
         return mine.first() if mine is not None else None
 
@@ -405,8 +413,9 @@ class Resource(Stored, Generic[S, Q]):
             self._wait(claim)
 
     def leave_copies(self) -> "Resource[S, Q] | None":
-        """Leave the copies; another one, if there is one, goes on with the claims and is
-        returned.
+        """Leave the copies.
+
+        Return one that remains, which inherits the claims; None if none remains.
         """
         self.copies.remove(self)
         if not self.copies:
@@ -419,44 +428,46 @@ class Resource(Stored, Generic[S, Q]):
         self.held_by, self.claims, self._queue = None, {}, Queue()  # messages wait here no longer
         return newest
 
-    def _may_have(self, claim: Claim[S, Q]) -> bool:
-        """Whether it is a claim's turn here and in all copies, with nobody in them but the
-        claimant.
-        """
-        if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
+    def _can_be_granted(self, claim: Claim[S, Q]) -> bool:
+        """Whether a claim is first in all copies, and all are empty apart from the claimant."""
+        if any(copy._first_in_line() is not claim for copy in self.copies):  # noqa: SLF001
             return False
-        inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
+        inside = [slot for copy in self.copies for slot in copy.slots if not copy.is_free(slot)]
         return not inside or inside == [claim.slot]
 
     def add_claim(self, claim: Claim[S, Q]) -> None:
-        """Add a claim. A slot in use that claims goes first: the resource is not idle before its
-        handler returns.
+        """Queue a claim.
+
+        One from inside the resource goes first: its slot is busy until its handler returns, so that
+        waiting for others would never end.
         """
-        if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
+        if any(claim.slot in copy.slots and not copy.is_free(claim.slot) for copy in self.copies):
             claim.priority = INSIDE
-        for one in self.copies:
-            one._wait(claim)  # noqa: SLF001
+        for copy in self.copies:
+            copy._wait(claim)  # noqa: SLF001
 
     def _wait(self, claim: Claim[S, Q]) -> None:
+        """Queue a claim in this copy."""
         self.claims[claim] = None
-        self._queue.put(claim)
+        self._queue.add(claim)
 
     def end_claim(self, claim: Claim[S, Q]) -> None:
-        """Withdraw a claim."""
+        """End a claim, granted or not."""
         if self.held_by is not claim:
             self._leave_queues(claim)
             return
-        for one in self.copies:
-            one.held_by = None
+        for copy in self.copies:
+            copy.held_by = None
 
     def grant(self, claim: Claim[S, Q]) -> None:
-        """Nobody else gets in from now on."""
+        """Grant a claim: it excludes all others from now on."""
         self._leave_queues(claim)
-        for one in self.copies:
-            one.held_by = claim
+        for copy in self.copies:
+            copy.held_by = claim
 
     def _leave_queues(self, claim: Claim[S, Q]) -> None:
+        """Remove a claim from the queues of all copies."""
         claim.ticket += 1
-        for one in self.copies:
-            del one.claims[claim]
-            one._queue.mark_void()  # noqa: SLF001
+        for copy in self.copies:
+            del copy.claims[claim]
+            copy._queue.mark_void()  # noqa: SLF001

@@ -1,6 +1,4 @@
-"""Rights: what one connection may do, as the permissions file has it. Knows nothing of messages but
-their names.
-"""
+"""Rights: what the permissions file allows one connection. Knows messages by their names only."""
 
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
@@ -10,19 +8,17 @@ from tca_central.model.stored import Stored
 from tca_wire.vocabulary import Permission
 
 OWNER = "owner"
-"""What permissions call the user who runs central."""
+"""The name by which permissions call central's own user."""
 
 MOST_LICENCES = 10_000
-"""Licences that are valid: one for each sender of direct messages, whether it is connected or
-not.
-"""
+"""Valid licences: one for each sender of direct messages, connected or not."""
 MOST_BARRED = 10_000
 
-_REMEMBERED = 4096  # names
+_REMEMBERED = 4096  # decisions per connection
 
 
 class Rights(Stored):
-    """The patterns that apply to one connection, and what they have said of names."""
+    """The patterns that apply to one connection, and a cache of decisions."""
 
     __slots__ = ("known", "patterns")
 
@@ -31,7 +27,7 @@ class Rights(Stored):
         self.known: dict[tuple[Permission, str], bool] = {}
 
     def allow(self, permission: Permission, name: str) -> bool:
-        """Whether it may do that with what is called so."""
+        """Whether the permission includes that name."""
         asked = permission, name
         allowed = self.known.get(asked)
         if allowed is None:
@@ -43,47 +39,41 @@ class Rights(Stored):
 
 
 class Permissions(Stored):
-    """The rules, what they need to know of the past, and the licences to send directly."""
+    """The rules, the principals that they need to know, and the licences to send directly."""
 
     __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")
 
     def __init__(self) -> None:
-        self.rules: tuple[AccessRule, ...] | None = (
-            None  #: None: whoever is let in may do everything
-        )
-        self.outcome_owners: dict[
-            int, str
-        ] = {}  #: of ended tasks whose outcome is kept: whose they were, under rules
-        self.licences: dict[
-            int, str
-        ] = {}  #: those that are valid, and whose they are; oldest first
+        self.rules: tuple[AccessRule, ...] | None = None  #: none: everything is allowed to all
+        #: By ended task with a stored outcome: the principal that sent it.
+        self.outcome_owners: dict[int, str] = {}
+        #: By number, oldest first: the owner of each valid licence.
+        self.licences: dict[int, str] = {}
         self.newest_licence = 0
-        self.barred: list[int] = []  #: the newest that are not valid any more
+        self.barred: list[int] = []  #: the newest revoked licences
 
     def new_licence(self, principal: str) -> int:
-        """A licence to send directly."""
+        """Return a new licence to send directly."""
         self.newest_licence += 1
         self.licences[self.newest_licence] = principal
         return self.newest_licence
 
     def bar(self, numbers: list[int]) -> None:
-        """These licences are not valid any more."""
+        """Revoke licences."""
         for number in numbers:
             self.licences.pop(number, None)
         self.barred = (self.barred + numbers)[-MOST_BARRED:]
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether a name fits one of the patterns."""
+    """Whether a name matches one of the patterns."""
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def rights_of(rules: Iterable[AccessRule], principal: str, module: str) -> Rights | None:
-    """The rights of a principal as a module of that name; None if no rule is about it: it is not
-    let in.
-    """
-    who = principal or OWNER
-    found = [rule for rule in rules if matches(who, rule.keys) and matches(module, rule.modules)]
+    """Return the rights of a principal as a module of that name. None: no rule admits it."""
+    owner = principal or OWNER
+    found = [rule for rule in rules if matches(owner, rule.keys) and matches(module, rule.modules)]
     if not found:
         return None
     patterns: dict[Permission, tuple[str, ...]] = {}

@@ -1,16 +1,15 @@
-"""The base of all classes whose objects make up the state, so that an image can hold them."""
+"""The base class of everything that images of the state hold."""
 
 from tca_central.loading import mypyc_attr
 
 
 @mypyc_attr(serializable=True)
 class Stored:
-    """A part of the state, but for the whole. Its attributes are those of ``__slots__``: an image
-    holds no others.
+    """A part of the state. An image holds the attributes in ``__slots__``, and no others.
 
-    An image's are made without ``__init__``, and filled when all are there. Machine code allows
-    that to classes that are declared so; then only machine code can make them as usual (mypyc 2.4),
-    so central makes all its objects itself.
+    When an image is read, objects are made without ``__init__`` and filled afterwards. Machine code
+    allows this only for classes that are declared serializable. Only machine code can then create
+    them normally (mypyc 2.4): central creates all of them itself.
     """
 
     __slots__ = ()

@@ -1,6 +1,6 @@
 """The tree of live tasks. Knows nothing of constraints, resources or messages' meaning.
 
-Only tasks that have not ended are here; what has ended lives on in the journal.
+Ended tasks are not here: they are in the journal.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,28 +34,26 @@ class TaskTree(Stored):
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = STARTS
         self.tasks: dict[int, Task] = {}
-        self.bytes = 0  #: that all tasks hold
+        self.bytes = 0  #: bytes of all tasks
         self.suspended: dict[int, tuple[float, str, bool]] = {}
-        """The tasks that were suspended themselves, oldest first: since when, by whom, and whether
-        from birth on.
+        """By id, oldest first: the tasks on which suspend was called.
+
+        Each value is the time, the module that suspended it, and whether it was created suspended.
         """
-        self.across: dict[
-            Task, None
-        ] = {}  #: from which edges have led to others than siblings (cycles.py)
-        self.never_began: dict[
-            int, int
-        ] = {}  #: of killed tasks whose outcome is known: the starts that never were
-        self.newest = 0  #: the highest id given so far
-        self.last_of_module: dict[
-            Module | None, Task
-        ] = {}  #: last top-level task per sending module
-        self.top_of_module: dict[
-            Module | None, dict[int, Task]
-        ] = {}  #: living top-level tasks per sending module
+        #: Tasks from which constraints lead to tasks that are not siblings (cycles.py)
+        self.across: dict[Task, None] = {}
+        #: By killed task whose outcome is stored: the starts that it never reached.
+        self.never_began: dict[int, int] = {}
+        self.newest = 0  #: the highest id so far
+        #: Last top-level task of each sending module.
+        self.last_of_module: dict[Module | None, Task] = {}
+        #: Living top-level tasks of each sending module.
+        self.top_of_module: dict[Module | None, dict[int, Task]] = {}
 
     def task(self, task_id: TaskId) -> Task | None:
-        """The live task of that id; None if it has ended. Raises RequestError if there has never
-        been one.
+        """Return the live task of that id; None if it has ended.
+
+        Raises RequestError if the id was never given.
         """
         task = self.tasks.get(task_id)
         if task is None and not ROOT < task_id <= self.newest:
@@ -63,8 +61,9 @@ class TaskTree(Stored):
         return task
 
     def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:
-        """The task that flags of a new child refer to. Under the root each module has its own
-        sequence.
+        """Return the task that flags of a new child refer to.
+
+        Under the root each module has its own sequence: it does not know the tasks of others.
         """
         last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
         return last if last is not None and last.reached != ALL_MOMENTS else None
@@ -80,12 +79,15 @@ class TaskTree(Stored):
             if parent.watchers is None:
                 parent.watchers = {}
             parent.watchers[task.id] = task
-        if task.is_guest:
-            Recovery.of(parent).guests += 1
+        if task.is_foreign_monitor:
+            Recovery.of(parent).foreign_monitors += 1
 
     def become_last(self, task: Task, parent: Task, sender: Module | None) -> None:
-        """A task is there for good: from now on flags refer to it, if a module sent it."""
-        if is_aside(task):
+        """Let flags of the next sibling refer to a task, unless it is outside the sequence.
+
+        This is separate from ``attach``, because a task may still be refused between the two.
+        """
+        if is_outside_sequence(task):
             return
         if parent is self.root:
             self.last_of_module[sender] = task
@@ -98,28 +100,28 @@ class TaskTree(Stored):
                 parent.sequence[task.id] = task
 
     def grow(self, task: Task, size: int) -> None:
-        """A task holds so much more, or less."""
+        """Change the size of a task by *size* bytes."""
         task.size += size
         if task.id in self.tasks:
             self.bytes += size
 
     def set_progress(self, task: Task, body: bytes) -> None:
-        """The newest intermediate result."""
+        """Set the newest intermediate result."""
         clients = Clients.of(task)
         self.grow(task, len(body) - len(clients.progress))
         clients.progress = body
 
     def ask(self, task: Task, asked: ClientRequest) -> None:
-        """Remember what a client has asked for."""
+        """Store a client's request."""
         clients = Clients.of(task)
         clients.asked.append(asked)
         clients.newest = asked.serial
         self.grow(task, held_bytes([asked]))
 
-    def forget_asked(
+    def pop_client_requests(
         self, task: Task, is_over: Callable[[ClientRequest], bool] = lambda _: True
     ) -> list[ClientRequest]:
-        """What clients have asked for, which is remembered no longer: all that *is over*."""
+        """Remove and return the requests of clients for which *is_over* is true."""
         clients = task.clients
         if clients is None or not clients.asked:
             return []
@@ -129,7 +131,7 @@ class TaskTree(Stored):
         return asked
 
     def set_failure(self, task: Task, failure: Failure | None) -> None:
-        """The failure that was raised on a task last; nobody has dealt with it."""
+        """Set or clear the failure of a task. A new one is not resolved yet."""
         if failure is None and task.recovery is None:
             return
         recovery = Recovery.of(task)
@@ -137,7 +139,7 @@ class TaskTree(Stored):
         recovery.failure, recovery.is_dealt_with = failure, False
 
     def detach(self, task: Task) -> None:
-        """Take an ended task out."""
+        """Remove an ended task."""
         del self.tasks[task.id]
         self.bytes -= task.size
         if self.suspended:
@@ -150,8 +152,8 @@ class TaskTree(Stored):
         del parent.children[task.id]
         if parent.watchers and task.is_watcher:
             del parent.watchers[task.id]
-        if task.is_guest:
-            Recovery.of(parent).guests -= 1
+        if task.is_foreign_monitor:
+            Recovery.of(parent).foreign_monitors -= 1
         if parent is self.root:
             self._detach_top(task, sending_module(task))
             return
@@ -161,12 +163,13 @@ class TaskTree(Stored):
             parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
     def _detach_top(self, task: Task, sender: Module | None) -> None:
-        """After a killed top-level task flags refer to the living one that the same module sent
-        before it.
+        """Remove an ended top-level task.
+
+        If it was killed, flags refer to the living task that its module sent before it.
         """
         others = self.top_of_module.get(sender)
         if others is None or others.pop(task.id, None) is None:
-            return  # it stood aside
+            return  # it was outside the sequence
         if self.last_of_module.get(sender) is task:
             del self.last_of_module[sender]
             if task.killed and others:
@@ -175,13 +178,19 @@ class TaskTree(Stored):
             del self.top_of_module[sender]
 
     def forget_module(self, sender: Module) -> None:
-        """A module is gone; its next namesake starts a sequence of its own."""
+        """Forget the sequence of a disconnected module.
+
+        A later module of the same name has its own.
+        """
         self.last_of_module.pop(sender, None)
 
     @staticmethod
     def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
-        """*task* and all below it, or only what dies with it if *doomed*, parents first. The tree
-        must not change.
+        """Yield *task* and its descendants, parents first.
+
+        The tree must not change during the walk.
+
+        With *doomed* only those that are killed with it.
         """
         stack = [task]
         while stack:
@@ -189,19 +198,22 @@ class TaskTree(Stored):
             yield node
             if node.children:
                 stack.extend(
-                    one
-                    for one in reversed(node.children.values())
-                    if not (doomed and one.role.survives)
+                    child
+                    for child in reversed(node.children.values())
+                    if not (doomed and child.role.survives)
                 )
 
 
 def failure_size(failure: Failure | None) -> int:
-    """Bytes that a failure holds."""
+    """Return the bytes that a failure holds."""
     return 0 if failure is None else len(failure[1]) + len(failure[2])
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:
-    """The wiretaps of a task and of its message; none for a listener of a wiretap."""
+    """Return the wiretaps of a task and of its message.
+
+    A listener has none: else wiretaps could call each other for ever.
+    """
     taps = delivery.message.taps
     if isinstance(delivery, Task) and delivery.tapping is not None and delivery.tapping.taps:
         taps = delivery.tapping.taps + taps
@@ -212,8 +224,9 @@ def taps_of(delivery: Delivery) -> list[Wiretap]:
 
 
 def first_moments(task: Task) -> int:
-    """The moments that a task reaches when it is given to a handler; given to another one later, it
-    is handled anew.
+    """Return the moments that a task reaches at its delivery.
+
+    A task that is handled again has reached them before: only its handling starts again.
     """
     if task.reached & START_HANDLING:
         return START_HANDLING
@@ -221,8 +234,9 @@ def first_moments(task: Task) -> int:
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
-    """The wiretaps still to be fired before *moments*; again those whose listener had no handler
-    and now has.
+    """Return the wiretaps to fire before *moments*.
+
+    A wiretap whose listener had no handler fires again once there is one.
     """
     fired = task.tapping.fired if task.tapping is not None else {}
     return [
@@ -233,30 +247,35 @@ def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
     ]
 
 
-def is_aside(task: Task) -> bool:
-    """Whether it stands beside the sequence of its siblings: constraint flags never refer to it."""
-    return bool(task.role) or task.message.is_aside
+def is_outside_sequence(task: Task) -> bool:
+    """Whether a task is outside the sequence of its siblings: flags never refer to it."""
+    return bool(task.role) or task.message.is_outside_sequence
 
 
 def _newest_child(parent: Task) -> Task | None:
-    """After a killed last child flags refer to the sibling before it, not to nothing."""
+    """Return the child that flags refer to after the last child was killed: the newest one left."""
     if parent.sequence is None:
         children = (parent.children or {}).items()
-        parent.sequence = {number: child for number, child in children if not is_aside(child)}
+        parent.sequence = {
+            number: child for number, child in children if not is_outside_sequence(child)
+        }
     return _newest(parent.sequence) if parent.sequence else None
 
 
 def _newest(siblings: dict[int, Task]) -> Task:
-    """The one that came last of those that are left."""
-    number, task = (
-        siblings.popitem()
-    )  # which clears the places of all that came later and have ended
+    """Return the sibling that came last.
+
+    ``popitem`` frees the slots of entries that were deleted behind it. ``reversed`` would walk over
+    them each time.
+    """
+    number, task = siblings.popitem()
     siblings[number] = task
     return task
 
 
 def sending_module(task: Task) -> Module | None:
-    """The module that sent a task, which may have gone; None for central. A namesake that comes
-    later is another.
+    """Return the module that sent a task, None for central.
+
+    The module may have disconnected. A later module of the same name is another one.
     """
     return task.sender.module if task.sender else None

@@ -1,8 +1,8 @@
 """Tasks: the nodes of the tree, and the parts that only some of them have.
 
-What every task needs stands in a chain of classes, one a concern: ``Queued`` and ``Delivery``
-(deliveries.py), then ``Node``, ``Ordered`` and ``Task``. What few need stands in parts, which are
-made when they are first needed.
+Each class of the chain adds one concern: ``Queued`` and ``Delivery`` (deliveries.py), then
+``Node``, ``Ordered`` and ``Task``. Parts such as ``Recovery`` are created on first use: most tasks
+have none, and there may be hundreds of thousands of tasks.
 """
 
 from collections.abc import Iterator
@@ -25,16 +25,16 @@ from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import CENTRAL, Due, Outcome, Role
 
 Failure = tuple[str, str, bytes]
-"""Name, text and data of a failure that was raised on a task."""
+"""The name, text and data of a failure that was raised on a task."""
 
 TaskOutcome = tuple[Outcome, str, str, bytes]
-"""The outcome of a task, the name and text of its failure, and the failure's data or the result."""
+"""Outcome, failure name, failure text, and the failure's data or the task's result."""
 
-_ACTION = 1  # which part of a monitor
+_ACTION = 1  # index of the action among a monitor's parts
 
 
 class Node(Delivery):
-    """A place in the tree: what is above it, and what is below."""
+    """A place in the tree: its parent and its living children."""
 
     __slots__ = (
         "children",
@@ -51,24 +51,24 @@ class Node(Delivery):
         self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
     ) -> None:
         Delivery.__init__(self, task_id, message, body, sender)
-        self.parent: Task | None = None  #: None: the root
-        self.depth = 0  #: number of tasks from the top of the tree, it included
-        self.is_watcher = (
-            False  #: a monitor that its parent does not wait for: it ends when all else there has
-        )
-        self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
-        self.watchers: dict[int, Task] | None = None  #: those of them that are watchers
-        self.unplanned = 0  #: number of children that are not planned yet
-        self.last_child: Task | None = (
-            None  #: the one that constraint flags of the next child refer to
-        )
-        self.sequence: dict[int, Task] | None = (
-            None  #: its children but those aside, once the newest was killed
-        )
+        self.parent: Task | None = None  #: none: it is the root
+        self.depth = 0  #: number of tasks from the top of the tree to this one, both included
+        #: A monitor that its parent does not wait for. It ends when all its other siblings have
+        #: ended.
+        self.is_watcher = False
+        #: By id: the children that have not ended, oldest first.
+        self.children: dict[int, Task] | None = None
+        self.watchers: dict[int, Task] | None = None  #: by id: the children that are watchers
+        self.unplanned = 0  #: number of children whose planning has not ended
+        #: The child that constraint flags of the next child refer to.
+        self.last_child: Task | None = None
+        #: The children that constraint flags may refer to. Built only when the newest child was
+        #: killed: then flags refer to the one before it.
+        self.sequence: dict[int, Task] | None = None
 
 
 class Ordered(Node):
-    """A node that has moments, and constraints that hold them."""
+    """A node with moments, and with constraints that hold them."""
 
     __slots__ = ("delayed", "followers", "held", "leaders", "reached", "waiters")
 
@@ -76,22 +76,21 @@ class Ordered(Node):
         self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
     ) -> None:
         Node.__init__(self, task_id, message, body, sender)
-        self.reached = 0  #: moments reached, as bits
-        self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
-        self.held = 0  #: unmet constraints per moment, packed (holds.py)
-        self.followers: list[tuple[int, Task, int, float]] | None = (
-            None  #: (moment, task, its moment, delay) that wait
-        )
-        self.leaders: list[tuple[int, int, int]] | None = (
-            None  #: (moment, task id, its moment) that this one waits for
-        )
-        self.waiters: dict[Stored, int] | None = (
-            None  #: waits for it -> the moment of each; oldest first
-        )
+        self.reached = 0  #: the moments reached, as bits
+        self.delayed = False  #: whether planning starts only when achieving does (DELAY_PLANNING)
+        self.held = 0  #: number of unmet constraints per moment, packed into one integer (holds.py)
+        #: What waits for this task: (its own moment, follower, the follower's moment, delay)
+        self.followers: list[tuple[int, Task, int, float]] | None = None
+        #: What this task waits for: (its own moment, id of the leader, the leader's moment)
+        self.leaders: list[tuple[int, int, int]] | None = None
+        #: By waiter: the moment of this task that it waits for, oldest first.
+        self.waiters: dict[Stored, int] | None = None
 
 
 class Task(Ordered):
-    """A task from arrival to end. How far it is follows from ``reached``, ``returned`` and
+    """A task from its arrival to its end.
+
+    Its progress is not stored as one value: it follows from ``reached``, ``returned`` and
     ``killed``.
     """
 
@@ -123,41 +122,41 @@ class Task(Ordered):
     ) -> None:
         Ordered.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
-        self.state = message.initial  #: of its life cycle; the last one is told when it has ended
-        self.serial = 0  #: number of changes of that
-        self.requested = (
-            False  #: all conditions of its start are met: it was given to the resources
-        )
+        #: Of its life cycle; observers learn the final one when the task has ended.
+        self.state = message.initial
+        self.serial = 0  #: number of changes of that state
+        #: Whether all conditions of its start are met, and the dispatcher has it.
+        self.requested = False
         self.suspended = False
-        self.retrying = False  #: is to be handled once more, when all under it has ended
-        self.returned = False  #: its handler has returned, or will never be called
-        self.killed = ""  #: why it was killed, and by whom
-        self.result = b""  #: its handler's result
+        self.retrying = False  #: is to be handled again, once everything under it has ended
+        self.returned = False  #: whether its handler has returned, or will never be called
+        self.killed = ""  #: why it was killed and by which module; "" if it was not
+        self.result = b""  #: the result of its handler
         self.size = TASK_BYTES + len(body)  #: bytes that it counts for in the budget
         self.recovery: Recovery | None = None
         self.tapping: Tapping | None = None
         self.plans: Plans | None = None
-        self.watch: Watch | None = None  #: of a monitor
+        self.watch: Watch | None = None  #: of a monitor only
         self.clients: Clients | None = None
-        self.keeping: Keeping | None = None
+        self.keeping: Retention | None = None
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
 
     @property
     def has_parts(self) -> bool:
-        """Whether it has any of the parts that few tasks need."""
+        """Whether it has any of the optional parts."""
         parts = (self.recovery, self.tapping, self.plans, self.watch, self.clients, self.keeping)
         return any(one is not None for one in parts)
 
     @property
     def attached(self) -> list[AttachedHandler]:
-        """Its exception handlers, newest last."""
+        """The exception handlers attached to this task, newest last."""
         return self.recovery.attached if self.recovery is not None else []
 
     @property
     def taps(self) -> list[Wiretap]:
-        """Its own wiretaps, oldest first."""
+        """The wiretaps of this task alone, oldest first."""
         return self.tapping.taps if self.tapping is not None else []
 
     @property
@@ -167,43 +166,49 @@ class Task(Ordered):
 
     @property
     def is_dealt_with(self) -> bool:
-        """Whether an exception handler took care of that failure."""
+        """Whether an exception handler has resolved that failure."""
         return self.recovery is not None and self.recovery.is_dealt_with
 
     @property
-    def is_guest(self) -> bool:
-        """Whether it is a monitor that others have put under its parent: it outlives the retry of
-        that.
+    def is_foreign_monitor(self) -> bool:
+        """Whether it is a monitor that a foreign module has put under its parent.
+
+        A retry of the parent does not end it.
         """
-        return self.watch is not None and self.watch.is_guest
+        return self.watch is not None and self.watch.is_foreign_monitor
 
     @property
     def ignores_parent(self) -> bool:
-        """Whether it may start before its parent does: central has made it."""
+        """Whether it may start before its parent: true of tasks that central makes."""
         return bool(self.role)
 
     @property
-    def is_unheard(self) -> bool:
-        """Whether exception handlers of it have just ended: it may fail again for what they say."""
-        return self.recovery is not None and self.recovery.unheard > 0
+    def has_unprocessed_handlers(self) -> bool:
+        """Whether exception handlers of it have ended whose decisions central has not processed.
+
+        They may still make it fail again.
+        """
+        return self.recovery is not None and self.recovery.unprocessed_handlers > 0
 
     @property
     def may_be_handled_again(self) -> bool:
-        """Whether all has ended that a retry waits for: handler, children but guests, exception
-        handlers that asked.
+        """Whether a retry may start.
+
+        It waits for the current handler, for all children but foreign monitors, and for the
+        exception handlers that asked for the retry.
         """
         recovery, children = self.recovery, len(self.children or ())
         if recovery is None:
             return not (self.is_running or children)
         return (
-            not (self.is_running or recovery.askers or recovery.unheard)
-            and children == recovery.guests
+            not (self.is_running or recovery.retry_requesters or recovery.unprocessed_handlers)
+            and children == recovery.foreign_monitors
         )
 
     @property
-    def watches_alone(self) -> bool:
+    def has_only_watchers_left(self) -> bool:
         """Whether its handler has returned and only watchers are left under it."""
-        if self.is_unheard:
+        if self.has_unprocessed_handlers:
             return False
         return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
 
@@ -214,11 +219,11 @@ class Task(Ordered):
 
     @property
     def handler(self) -> Handler | None:
-        """The handler that has it; None if none has."""
+        """The handler that has it; None if no handler does."""
         return self.slot.module.handlers.get(self.message.name) if self.slot is not None else None
 
     def recoveries(self) -> "list[Task]":
-        """The exception handlers that it is, or is under, nearest first."""
+        """Return this task and its ancestors that are exception handlers, nearest first."""
         found, exception = [], Role.EXCEPTION
         task: Task | None = self
         while task is not None:
@@ -228,15 +233,16 @@ class Task(Ordered):
         return found
 
     def lineage(self) -> Iterator["Task"]:
-        """This task, its parent and so on; the root left out."""
+        """Yield this task and its ancestors, without the root."""
         task: Task | None = self
         while task is not None and task.id != ROOT:
             yield task
             task = task.parent
 
     def above(self, number: int) -> "Task | None":
-        """The task of that number, if it is this one or above it. Stops at an older task: its
-        parent is older still.
+        """Return this task or its ancestor with that id, or None.
+
+        The walk stops at the first older task, because a parent is always older than its children.
         """
         task: Task | None = self
         while task is not None and task.id > number:
@@ -248,143 +254,142 @@ class Task(Ordered):
 
 
 class Recovery(Stored):
-    """The failure of a task, and what is done about it; and the exception handlers attached to the
-    task.
-    """
+    """A task's failure, its retries, and the exception handlers attached to it."""
 
     __slots__ = (
-        "askers",
         "attached",
         "attempts",
         "failure",
-        "guests",
+        "foreign_monitors",
         "handler",
         "invocations",
         "is_dealt_with",
-        "unheard",
+        "retry_requesters",
+        "unprocessed_handlers",
     )
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: newest last
-        self.invocations: dict[
-            int, int
-        ] = {}  #: how often each exception handler that holds here was called
+        #: By attachment id: how often that exception handler was called for this task.
+        self.invocations: dict[int, int] = {}
         self.failure: Failure | None = None  #: the one raised last
-        self.is_dealt_with = False  #: an exception handler took care of it
-        self.handler: Task | None = None  #: the exception handler that decides
-        self.attempts = 1  #: how often the task is being or has been handled
-        self.askers: dict[
-            Task, None
-        ] = {}  #: the exception handlers that want it retried, and have not ended
-        self.guests = 0  #: number of monitors under it that outlive its retry: see Watch
-        self.unheard = 0  #: number of its exception handlers that have just ended: it may fail again for what they say
+        self.is_dealt_with = False  #: whether an exception handler has resolved it
+        #: The exception handler that is to decide about the failure.
+        self.handler: Task | None = None
+        self.attempts = 1  #: number of times that the task has been handled, with the present one
+        #: Exception handlers that want a retry and have not ended.
+        self.retry_requesters: dict[Task, None] = {}
+        self.foreign_monitors = (
+            0  #: number of foreign monitors under the task: a retry does not end them
+        )
+        #: Number of exception handlers of the task that have ended, and whose decisions are not
+        #: processed yet. Until then the task may not end: it may fail again.
+        self.unprocessed_handlers = 0
 
     @staticmethod
     def of(task: Task) -> "Recovery":
-        """The one of a task."""
+        """Return the task's ``Recovery``, creating it on first use."""
         if task.recovery is None:
             task.recovery = Recovery()
         return task.recovery
 
 
 class Tapping(Stored):
-    """The wiretaps of a task, and those of its message as far as they concern it."""
+    """The wiretaps of a task, and what those of its message have done for it."""
 
     __slots__ = ("fired", "is_firing", "listeners", "taps")
 
     def __init__(self) -> None:
-        self.taps: list[Wiretap] = []  #: its own, oldest first
-        self.fired: dict[
-            int, bool
-        ] = {}  #: wiretaps fired before a moment of it -> whether the listener was handled
-        self.is_firing = False  #: wiretaps are about to be fired: it does not go on meanwhile
-        self.listeners: list[Task] = []  #: that are killed with it
+        self.taps: list[Wiretap] = []  #: of this task alone, oldest first
+        #: By wiretap id: fired before a moment of the task -> whether the listener had a handler.
+        self.fired: dict[int, bool] = {}
+        #: Whether wiretaps are about to fire: until then the task reaches no moment.
+        self.is_firing = False
+        self.listeners: list[Task] = []  #: listeners that are killed with the task
 
     @staticmethod
     def of(task: Task) -> "Tapping":
-        """The one of a task."""
+        """Return the task's ``Tapping``, creating it on first use."""
         if task.tapping is None:
             task.tapping = Tapping()
         return task.tapping
 
 
 class Plans(Stored):
-    """What lies ahead of a task."""
+    """The plans for a task: timers, planned kills, and messages for its termination."""
 
-    __slots__ = ("farewells", "pending")
+    __slots__ = ("pending", "termination_messages")
 
     def __init__(self) -> None:
-        self.pending: dict[
-            Stored, Timer | Task
-        ] = {}  #: planned events -> the timer, or the task at which each waits
-        self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
+        #: By planned event: the timer, or the task whose moment it waits for.
+        self.pending: dict[Stored, Timer | Task] = {}
+        #: Messages to send when the task is killed, with their data.
+        self.termination_messages: list[tuple[MessageType, bytes]] = []
 
     @staticmethod
     def of(task: Task) -> "Plans":
-        """Those of a task."""
+        """Return the task's ``Plans``, creating it on first use."""
         if task.plans is None:
             task.plans = Plans()
         return task.plans
 
 
 class ClientRequest(NamedTuple):
-    """A transition that a client has taken of a task."""
+    """A change of a task's state that a client has requested."""
 
     name: str
-    source: str  #: the state in which the task was
-    serial: int  #: that it got, and that the handler was told
+    source: str  #: the state of the task before
+    serial: int  #: the serial number of the change, which the handler was sent
     module: str  #: the client's
     text: str
-    body: bytes  #: the new goal, if it is for one
-    is_told: bool  #: the handler decides
+    body: bytes  #: the new goal of an update
+    needs_decision: bool  #: the handler decides about it
 
 
 class Clients(Stored):
-    """What clients of a task want, and what they were shown."""
+    """The requests of clients for a task, and its newest intermediate result."""
 
     __slots__ = ("asked", "newest", "progress")
 
     def __init__(self) -> None:
-        self.asked: list[
-            ClientRequest
-        ] = []  #: transitions of clients since the handler's last one, oldest first
-        self.newest = 0  #: the serial number of the newest of these
+        #: Requests since the handler's last change of state, oldest first.
+        self.asked: list[ClientRequest] = []
+        self.newest = 0  #: the serial number of the newest request
         self.progress = b""  #: the newest intermediate result
 
     @staticmethod
     def of(task: Task) -> "Clients":
-        """Those of a task."""
+        """Return the task's ``Clients``, creating it on first use."""
         if task.clients is None:
             task.clients = Clients()
         return task.clients
 
 
-class Keeping(Stored):
-    """What is remembered of a task, or record, and of those under it."""
+class Retention(Stored):
+    """The modules that retain a task (or record), and the records under it."""
 
     __slots__ = ("by", "records")
 
     def __init__(self) -> None:
-        self.by: dict[Module, None] = {}  #: the modules that want it remembered
-        self.records: dict[
-            int, KeptTask
-        ] = {}  #: of ended tasks that hang under it, oldest end first
+        self.by: dict[Module, None] = {}  #: the modules that want it retained
+        #: By id: records of ended children, in the order of their ends.
+        self.records: dict[int, TaskRecord] = {}
 
     @staticmethod
-    def of(place: "Task | KeptTask") -> "Keeping":
-        """The one of a task, living or ended."""
+    def of(place: "Task | TaskRecord") -> "Retention":
+        """Return the ``Retention`` of a task or record, creating it on first use."""
         if place.keeping is None:
             assert isinstance(place, Task)
-            place.keeping = Keeping()
+            place.keeping = Retention()
         return place.keeping
 
 
-class KeptTask(Stored):
-    """The record of an ended task that is kept."""
+class TaskRecord(Stored):
+    """The record of an ended task that a module retains."""
 
     __slots__ = ("body", "id", "keeping", "message", "outcome", "parent", "role")
 
-    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Keeping) -> None:
+    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Retention) -> None:
         self.id, self.message, self.role, self.body, self.outcome = (
             task.id,
             task.message,
@@ -392,32 +397,32 @@ class KeptTask(Stored):
             task.body,
             outcome,
         )
-        self.parent: Task | KeptTask | None = task.parent  #: its parent, living or kept
+        self.parent: Task | TaskRecord | None = task.parent  #: a living task or a record
         self.keeping = keeping
         for child in keeping.records.values():
             child.parent = self
 
     @property
     def size(self) -> int:
-        """Bytes that it holds of what modules sent."""
+        """The bytes of modules' data that it holds."""
         return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
 
     @property
-    def siblings(self) -> "dict[int, KeptTask]":
-        """The records under its parent."""
+    def siblings(self) -> "dict[int, TaskRecord]":
+        """The records under the same parent."""
         assert self.parent is not None
-        return Keeping.of(self.parent).records
+        return Retention.of(self.parent).records
 
-    def lineage(self) -> "Iterator[Task | KeptTask]":
-        """This record and its ancestors, without the root."""
-        one: Task | KeptTask | None = self
-        while one is not None and one.id != ROOT:
-            yield one
-            one = one.parent
+    def lineage(self) -> "Iterator[Task | TaskRecord]":
+        """Yield this record and its ancestors, without the root."""
+        ancestor: Task | TaskRecord | None = self
+        while ancestor is not None and ancestor.id != ROOT:
+            yield ancestor
+            ancestor = ancestor.parent
 
 
 class Watch(Stored):
-    """A monitor from its birth to its end."""
+    """A monitor from its creation to its end."""
 
     __slots__ = (
         "activations",
@@ -426,7 +431,7 @@ class Watch(Stored):
         "count",
         "fires",
         "holds",
-        "is_guest",
+        "is_foreign_monitor",
         "is_over",
         "options",
         "parts",
@@ -441,23 +446,22 @@ class Watch(Stored):
         task: Task,
         options: WatchOptions,
         parts: list[MessageType | None],
-        is_guest: bool = False,
+        is_foreign_monitor: bool = False,
     ) -> None:
         self.task = task
         self.options = options
-        self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
-        self.is_guest = (
-            is_guest  #: others than its parent's handler put it there (watching/watches.py)
-        )
+        self.parts = parts  #: condition and action; of a demon monitor: set-up, action and cancel
+        #: Whether another module than the one that handles its parent has created it.
+        self.is_foreign_monitor = is_foreign_monitor
         self.began: float | None = None  #: when it began to watch
-        self.since = 0.0  #: from when its periods are counted
-        self.activations = 0  #: how often it is to test because it was fired
+        self.since = 0.0  #: start of its first period
+        self.activations = 0  #: number of tests still to make because it was fired
         self.condition: Delivery | None = None  #: the test under way
-        self.holds: bool | None = None  #: how the last test came out
+        self.holds: bool | None = None  #: result of the last test
         self.count = 0  #: how often its condition held, or it was fired
-        self.fires = 0  #: how many actions it has sent
+        self.fires = 0  #: number of actions sent
         self.timers: dict[Due, Timer] = {}
-        self.waits_for: Task | None = None  #: whose point is its end
+        self.waits_for: Task | None = None  #: the task whose moment ends it
         self.is_over = False
 
     @property
@@ -467,7 +471,7 @@ class Watch(Stored):
 
     @property
     def header(self) -> Watching:
-        """The context of its messages: the monitor, and what it is fired with."""
+        """The context that its messages carry: the monitor, and the message that fires it."""
         action = None if self.task.message.message_class.has_condition else self.parts[_ACTION]
         return Watching(involved(self.task), action.name if action is not None else "")
 
@@ -481,22 +485,22 @@ class Verdict(NamedTuple):
     why: str
     by: str = CENTRAL  #: the module that wants it, or central
     origin: int = 0  #: the delivery whose handler asked for it (0: none)
-    failed: TaskId = ROOT  #: the task whose failure nobody handled, if it is for that
+    failed: TaskId = ROOT  #: the task whose unhandled failure is the reason, if it is one
 
 
 def involved(delivery: Delivery) -> Involved:
-    """A message as others are told of it; task 0 if it is none, or the root."""
+    """Describe a message for other modules; the id is 0 if it is no task, or the root."""
     if not isinstance(delivery, Task):
         return Involved(ROOT, delivery.message.name)
     return Involved(delivery.id, delivery.message.name if delivery.id else "")
 
 
-def place_of(one: AttachedHandler | Wiretap) -> Task | MessageType:
-    """The task or message that something is attached to."""
-    assert isinstance(one.place, Task | MessageType)
-    return one.place
+def place_of(attachment: AttachedHandler | Wiretap) -> Task | MessageType:
+    """Return the task or message type that an exception handler or wiretap is attached to."""
+    assert isinstance(attachment.place, Task | MessageType)
+    return attachment.place
 
 
 def held_bytes(asked: list[ClientRequest]) -> int:
-    """Bytes that requests of clients hold."""
+    """Return the bytes that clients' requests hold."""
     return sum(DELIVERY_BYTES + len(one.body) for one in asked)

@@ -1,1 +1,1 @@
-"""The graph of waits over handlers, messages, resources, claims and points of tasks."""
+"""The graph of waits between handlers, messages, resources, claims and points of tasks."""

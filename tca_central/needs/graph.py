@@ -1,14 +1,13 @@
-"""The graph of needs: handlers, messages, resources, claims and points of tasks, and what each
-waits for.
+"""The graph of needs: what each handler, message, resource, claim and point of a task waits for.
 
-``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No
-group at all: it will come about by itself, as far as central knows: a handler that runs may return,
-somebody may come to handle a message, a suspended task may be resumed, time passes. So the graph
-never shows a wait for ever where there is none.
+``needs`` returns the needs of a node as groups of nodes. One node of each group is enough. A node
+without groups comes about without help, as far as central knows. A running handler may return, a
+module may start to handle a message, a suspended task may be resumed, time passes. The graph
+therefore never shows an endless wait where there may be an end.
 
-Groups come one at a time, so that whoever searches can stop: one node may need a million others.
-Between two of them comes a None for whatever was looked at and holds nothing back; so a step never
-takes long.
+Groups are generated one by one, so that a search can stop at any time: a node may need a million
+others. None is generated for each edge that was checked and holds nothing back, so that each step
+takes little time.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +34,7 @@ from tca_wire.points import (
 )
 
 MOST_OBSERVED = 1000
-"""Tasks that are looked at of those that are observed."""
+"""Tasks checked per observation."""
 
 
 class Waiting(NamedTuple):
@@ -52,10 +51,10 @@ class Returning(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """The turn of a delivery in a queue."""
+    """The turn of a delivery in its queues."""
 
     delivery: Delivery
-    kind: str = "turn"  #: as a key it is not the Returning of that delivery later
+    kind: str = "turn"  #: makes its key differ from that of ``Returning``
 
 
 class TurnAt(NamedTuple):
@@ -66,7 +65,7 @@ class TurnAt(NamedTuple):
 
 
 class Freeing(NamedTuple):
-    """The freeing of a slot where all are taken."""
+    """The release of a slot of a resource whose slots are all busy."""
 
     resource: ModuleResource
 
@@ -75,7 +74,7 @@ class Granting(NamedTuple):
     """The granting of a claim."""
 
     claim: ModuleClaim
-    kind: str = "granting"  #: as a key it is not the Releasing of that claim later
+    kind: str = "granting"  #: makes its key differ from that of ``Releasing``
 
 
 class Releasing(NamedTuple):
@@ -90,30 +89,30 @@ Groups = Iterator[Group | None]
 
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
-    """The needs of a node, as groups. Give ``list`` for *each* if central may change during the
-    walk.
+    """Yield the needs of a node as groups. A None between them is an edge that holds nothing back.
+
+    Use ``list`` for *each* if central may change during the walk.
     """
-    return _OF[type(node)](central, cast("Never", node), each)
+    return _NEEDS_OF[type(node)](central, cast("Never", node), each)
 
 
 def still_needs(central: State, node: Node, group: Group) -> bool:
-    """Whether a node waits for that group now, as it did before."""
+    """Whether a node still waits for a group that it waited for before."""
     first, tasks = group[0], central.tree.tasks
     if isinstance(node, Place) and isinstance(first, Place) and first.task.parent is node.task:
         (task, moment), (child, its_moment) = node, first
-        if moment == its_moment and moment in (
-            END_PLANNING,
-            END_ACHIEVING,
-        ):  # it may be one of a million
+        # A shortcut: a walk over the children would take too long, there may be a million.
+        if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):
             is_there = tasks.get(child.id) is child and tasks.get(task.id) is task
             return is_there and not (task.reached | child.reached) & moment
     return any(one is not None and list(one) == list(group) for one in needs(central, node))
 
 
 def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
+    """The needs of a request for an answer."""
     due = node.connection.outstanding.get(node.number)
     if isinstance(due, Delivery):
-        if (answer := _at_hand(due)) is not None:
+        if (answer := _current_node(due)) is not None:
             yield [answer]
     elif isinstance(due, Claim):
         yield [Granting(due)]
@@ -124,18 +123,18 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
         yield changes
 
 
-def _at_hand(delivery: Delivery) -> Returning | Turn | None:
-    """What comes next of a delivery, where it is with a handler or in a queue."""
+def _current_node(delivery: Delivery) -> Returning | Turn | None:
+    """Return the next node of a delivery that is with a handler or in a queue; else None."""
     if delivery.slot is not None:
         return Returning(delivery)
     return Turn(delivery) if delivery.queues else None
 
 
 def _changes(central: State, observation: Observation) -> list[Node]:
-    """What may bring the next news of certain tasks, each by its handler or by what it comes to;
-    none if anything may:
-    a new task, a monitor's time, a retry. A client who asks for a change counts as little as one
-    who kills.
+    """Return the nodes that may bring the next change of observed tasks; [] if something else may.
+
+    A new task, a monitor's timer or a retry are something else. Requests of clients count as little
+    as kills do: both may never come.
     """
     tree, number = central.tree, observation.task_id or observation.below
     top = tree.tasks.get(number)
@@ -150,13 +149,16 @@ def _changes(central: State, observation: Observation) -> list[Node]:
 
 
 def _change(task: Task) -> Node:
+    """The node that may bring the next change of a task."""
     moment = END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING
-    return _at_hand(task) or Place(task, moment)
+    return _current_node(task) or Place(task, moment)
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's.
-    One that has not begun is none in which a callback of its slot waits.
+    """The needs of a handler: its own waits, and those of handlers nested in it.
+
+    One answer is enough for a coroutine. A wait of a callback of the slot does not hold a
+    prefetched delivery that has not begun.
     """
     delivery, slot = node.delivery, node.delivery.slot
     if slot is None:
@@ -166,7 +168,7 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
     for number, wait in each(slot.waits.items()):
         group = wait.together or (number,)
         if wait.is_coroutine:
-            awaited = wait.together if wait.origin == delivery.given_as else awaited
+            awaited = wait.together if wait.origin == delivery.handling_id else awaited
             yield None
         elif wait.since > given and (wait.origin or slot.unbegun is not delivery):
             yield [Waiting(slot, one) for one in group] if group[0] == number else None
@@ -175,11 +177,13 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
 
 
 def _of_turn(_: State, node: Turn, __: Each) -> Groups:
+    """The needs of a queued delivery: its turn at one of its resources."""
     if node.delivery.queues:
         yield [TurnAt(node.delivery, resource) for resource in node.delivery.queues]
 
 
 def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
+    """The needs of a delivery in the queue of one resource."""
     delivery, resource = node
     held_by = resource.held_by
     if held_by is not None and not resource.admits(delivery):
@@ -188,23 +192,25 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         key = -delivery.priority, delivery.arrival
         for claim in each(resource.claims):
             yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
-    if resource.slots and not resource.free and delivery not in resource.called_back:
-        yield [
-            Freeing(resource)
-        ]  # its sender's own slot needs not be free: it handles it while it waits
+    # A question of the resource's own slot needs no free slot: the slot handles it in its wait.
+    if resource.slots and not resource.free and delivery not in resource.locked_out_questions:
+        yield [Freeing(resource)]
 
 
 def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:
+    """The needs of a resource for a free slot: the return of any of its handlers."""
     resource = node.resource
     if resource.slots and not resource.free:
         yield [_emptied(slot) for slot in resource.slots if slot.handling]
 
 
 def _emptied(slot: Connection) -> Returning:
+    """The node at which a slot becomes free: its oldest delivery returns."""
     return Returning(next(iter(slot.handling)))
 
 
 def _of_claim(_: State, node: Granting, each: Each) -> Groups:
+    """The needs of a claim that is not granted."""
     claim = node.claim
     resource = claim.resource
     if claim.is_granted:
@@ -214,13 +220,17 @@ def _of_claim(_: State, node: Granting, each: Each) -> Groups:
     for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
         yield [_emptied(slot)] if slot.handling and slot is not claim.slot else None
     key = -claim.priority, claim.arrival
-    for one in each(resource.claims):
-        yield [Granting(one)] if (-one.priority, one.arrival) < key else None
+    for other_claim in each(resource.claims):
+        yield (
+            [Granting(other_claim)] if (-other_claim.priority, other_claim.arrival) < key else None
+        )
 
 
 def _of_release(central: State, node: Releasing, each: Each) -> Groups:
-    """Its handler is expected to release it; when that has returned the end of its task will, or
-    that it is retried.
+    """The needs of a granted claim's end.
+
+    Its handler may release it. After the handler, the end of the task does, or the start of a
+    retry.
     """
     claim = node.claim
     holder = claim.holder
@@ -235,12 +245,13 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
     elif isinstance(holder, Task) and holder.retrying:
         children = (holder.children or {}).values() if not holder.suspended else ()
         for child in each(children):
-            yield None if child.is_guest else [Place(child, END_ACHIEVING)]
+            yield None if child.is_foreign_monitor else [Place(child, END_ACHIEVING)]
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
 
 def _of_point(central: State, place: Place, each: Each) -> Groups:
+    """The needs of a point of a task."""
     task, moment = place
     if task.reached & moment or (task.suspended and moment & STARTS):
         return
@@ -259,8 +270,9 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
 
 
 def is_only_queued(task: Task) -> bool:
-    """Whether a task is in a queue, with nothing else before any of its points: most of what a wide
-    goal waits for.
+    """Whether a task is in a queue, and nothing else holds any of its points.
+
+    This is a shortcut: most subtasks of a large goal are in this state.
     """
     has_more = task.leaders or task.children or task.retrying or task.has_parts
     if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
@@ -270,14 +282,15 @@ def is_only_queued(task: Task) -> bool:
 
 
 def _of_test(monitor: Task) -> Groups:
-    """A monitor that ends after a test or action needs its condition's answer; others end by time
-    or by request. One that its parent does not wait for ends with all else there, too: the oldest
-    of that stands for it.
+    """The needs of a monitor that ends after its next test or action.
+
+    Other monitors end by time or by request. If the parent does not wait for the monitor, it also
+    ends with everything else there. The oldest of the other children stands for all.
     """
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
         return
-    answer, is_point = _at_hand(watch.condition), not monitor.message.is_aside
+    answer, is_point = _current_node(watch.condition), not monitor.message.is_outside_sequence
     if answer is None or not (is_point or watch.options.maximum):
         return
     ends: list[Node] = [answer]
@@ -292,6 +305,7 @@ def _of_test(monitor: Task) -> Groups:
 
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
+    """The needs of a point for its task's handler or place in a queue."""
     starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
     if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
@@ -301,9 +315,10 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
         yield [Place(task, delivered_at(task.is_goal))]
 
 
-def together(place: Place) -> int:
-    """The moments that come with one, and it, as bits: the starts of what is planned as late as it
-    is achieved.
+def reached_together(place: Place) -> int:
+    """Return the moments that are reached with a point, and its own, as bits.
+
+    If planning is delayed, both starts are reached together.
     """
     if place.task.delayed and place.moment & STARTS:
         return START_PLANNING | START_ACHIEVING
@@ -311,12 +326,13 @@ def together(place: Place) -> int:
 
 
 def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Constraints, the order within the task and with its relatives; starts that wait for each
-    other are one.
+    """The needs of a point by constraints, by the order within its task, and by relatives.
+
+    Starts that are reached together count as one point.
     """
-    same = together(Place(task, moment))
-    for one in (one for one in SINGLE_MOMENTS if one & same):
-        for before in predecessors(central.tree, Place(task, one), each):
+    same = reached_together(Place(task, moment))
+    for own_moment in (single for single in SINGLE_MOMENTS if single & same):
+        for before in predecessors(central.tree, Place(task, own_moment), each):
             other = before.task
             is_past = other.reached & before.moment or (other is task and before.moment & same)
             is_child = other.parent is task and before.moment == END_ACHIEVING
@@ -328,8 +344,9 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
 
 
 def only_watches(central: State, child: Task) -> bool:
-    """Whether a monitor ends with all else under its parent, which waits for what it has sent, but
-    not for itself.
+    """Whether a monitor ends when everything else under its parent has ended.
+
+    The parent then waits for what the monitor has sent, but not for the monitor.
     """
     if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
         return False
@@ -342,19 +359,19 @@ def only_watches(central: State, child: Task) -> bool:
 
 
 def _of_actions(central: State, monitor: Task) -> Groups:
-    """What a monitor has sent, oldest first; of a monitor among that what that has sent."""
+    """The needs for what a monitor has sent, oldest first, also by monitors among that."""
     rest = [monitor]
     while rest:
-        one = rest.pop()
-        if only_watches(central, one):
-            rest += reversed((one.children or {}).values())
+        open_monitor = rest.pop()
+        if only_watches(central, open_monitor):
+            rest += reversed((open_monitor.children or {}).values())
             yield None
         else:
-            yield [Place(one, END_ACHIEVING)]
+            yield [Place(open_monitor, END_ACHIEVING)]
 
 
 def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Only what runs, or outlives the kill, holds up the end of a killed task."""
+    """The needs of a killed task's end: what still runs, and what outlives the kill."""
     if task.slot is not None:
         yield [Returning(task)]
     if moment in (END_PLANNING, END_ACHIEVING):
@@ -365,7 +382,7 @@ def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
                 yield None if child.reached & moment else [Place(child, moment)]
 
 
-_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
+_NEEDS_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
     Place: _of_point,
     Waiting: _of_wait,
     Returning: _of_handler,

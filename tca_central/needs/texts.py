@@ -1,4 +1,4 @@
-"""Answers for those that stop waiting, or cannot begin to: waits in words."""
+"""Answers for waiters that give up or are refused: their waits in words."""
 
 from tca_central.model.deliveries import (
     Connection,
@@ -19,7 +19,7 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitFor, WaitKind
 
 _FAILURES = 20
-"""The failures of a multi-query that are listed one by one."""
+"""Failures of a multi-query that are listed one by one."""
 
 
 AnswerWithBody = tuple[Answer, bytes]
@@ -28,8 +28,9 @@ AnswerWithBody = tuple[Answer, bytes]
 def end_of_wait(
     central: State, connection: Connection, number: int, answer_to: int
 ) -> AnswerWithBody:
-    """The answer for a waiter that gives up: why there was none yet and, of a multi-query, the
-    failures so far.
+    """Return the answer for a waiter that gives up: why it had no answer yet.
+
+    For a multi-query it contains the failures so far.
     """
     due, text = connection.outstanding.get(number), ""
     if isinstance(due, Collector):
@@ -44,8 +45,9 @@ def end_of_wait(
 
 
 def end_of_multi_query(central: State, collector: Collector, number: int) -> AnswerWithBody:
-    """The end of a multi-query: done, or the first failure if nobody replied; the text names all
-    others.
+    """Return the final answer of a multi-query: done, or the first failure if none replied.
+
+    The text contains all failures.
     """
     answer, body = collector.end or (Answer(number), b"")
     text = _why_not_replied(central, collector)
@@ -57,36 +59,36 @@ def end_of_multi_query(central: State, collector: Collector, number: int) -> Ans
 
 
 def _why_not_replied(central: State, collector: Collector) -> str:
-    """The modules asked by a multi-query that have not replied, and why; "" if all have."""
-    told = collector.failures[:_FAILURES]
-    if more := len(collector.failures) - len(told):
-        told.append(f"and {more} more")
+    """Return which modules have not replied to a multi-query, and why; "" if all have."""
+    reports = collector.failures[:_FAILURES]
+    if more := len(collector.failures) - len(reports):
+        reports.append(f"and {more} more")
     if collector.pending:
-        told.append(words.not_answered(replies_to(central, collector)))
-    text, end = "; ".join(told), collector.end
+        reports.append(words.not_answered(replies_to(central, collector)))
+    text, end = "; ".join(reports), collector.end
     has_replies = end is not None and end[0].outcome is Outcome.DONE
-    return text if has_replies or not text else f"nobody replied: {text}"
+    return text if has_replies or not text else f"no module replied: {text}"
 
 
 def why_not_granted(central: State, claim: ModuleClaim) -> str:
-    """The reason why a claim is not granted yet."""
+    """Return why a claim is not granted yet."""
     wait = of_resource(central, claim.resource, Granting(claim))
     return f"it waits {words.in_words(wait)}"
 
 
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:
-    """The reason why no more messages of a type (for *targets* only) are let into a queue."""
+    """Return why a queue for a message (for *targets* only) accepts no more."""
     if not targets and not message.handlers:
-        number, who = len(message.waiting), "no more"
+        number, admitted = len(message.waiting), "no more"
         first = next(iter(message.waiting.values()), None)
         wait = WaitFor(WaitKind.HANDLER, name=message.name)
     else:
         resource, *others = targets or message.candidates
-        number, who = resource.waiting, "only tasks"
+        number, admitted = resource.waiting, "only tasks"
         first = resource.first_message()
         node = TurnAt(first, resource) if first is not None else Freeing(resource)
         wait = of_resource(central, resource, node, len(others))
     text = f"{counted(number, 'message')} wait{'s' * (number == 1)} {words.in_words(wait)}"
     if first is not None:
         text += f", {numbered(first.message.name, first.message_id)} first in line"
-    return f"{text}; from {dispatcher.QUEUE_LIMIT:,} on {who} are let in"
+    return f"{text}; from {dispatcher.QUEUE_LIMIT:,} on {admitted} are let in"

@@ -1,6 +1,6 @@
-"""Waits as data for people: ``WaitFor``, made from the graph. Changes nothing.
+"""Waits as data for people (``WaitFor``), read from the graph of needs. Changes nothing.
 
-Of very many things only so many are looked at, and the first few told one by one.
+Large numbers are cut short: the first few are reported, with the number of the others.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,7 @@ from operator import attrgetter
 from msgspec.structs import replace
 
 from tca_central.model.clock import Timer
-from tca_central.model.contexts import heard_by
+from tca_central.model.contexts import listener_cause
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, PresenceWait
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource
@@ -26,7 +26,7 @@ from tca_central.needs.graph import (
     TurnAt,
     Waiting,
     needs,
-    together,
+    reached_together,
 )
 from tca_central.order.cycles import Place
 from tca_central.order.holds import PendingDelay
@@ -45,18 +45,16 @@ from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits import ends as walker
 
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
-"""Exception handlers that decide are told first, the beginning of the parent last."""
+"""Exception handlers that decide are reported first, the start of the parent last."""
 _LOOKED_AT = 10_000
-"""Groups of one node that are looked at."""
+"""Groups per node that are checked."""
 _GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING)
 _OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
-"""The moments of a task in the order in which it comes to them; those of a goal until it is being
-achieved.
-"""
+"""A task's moments in the order in which it reaches them; ``_GOAL`` until a goal is achieved."""
 
 
 def next_of(task: Task) -> Place:
-    """The point that a task comes to next."""
+    """Return the point that a task reaches next."""
     if task.killed:
         return Place(task, END_ACHIEVING)
     if not task.reached & START_HANDLING:
@@ -66,7 +64,7 @@ def next_of(task: Task) -> Place:
 
 
 def waits_of(central: State, node: Node) -> list[WaitFor]:
-    """The waits of a node, in the order of the tools; none if it comes about by itself."""
+    """Return the waits of a node in the order of the tools; [] if it needs nothing."""
     found = _compact(_of_node(central, node))
     return sorted(found, key=lambda wait: _ORDER.get(wait.kind, 1))
 
@@ -89,9 +87,9 @@ def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
             yield from _for_what(claim)
 
 
-def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
+def _about(kind: WaitKind, delivery: Delivery, moment: int = 0) -> WaitFor:
     """A wait for a message or task."""
-    return WaitFor(kind, one.message_id, one.message.name, moment)
+    return WaitFor(kind, delivery.message_id, delivery.message.name, moment)
 
 
 def _at(
@@ -103,7 +101,7 @@ def _at(
 
 
 def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
-    """The first of each kind and moment, with how many more there are."""
+    """Return the first wait of each kind and moment, with the number of the others."""
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         groups.setdefault((wait.kind, wait.moment), []).append(wait)
@@ -114,7 +112,7 @@ def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
 
 
 def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
-    """The waits before a point of a task, and before its earlier points."""
+    """Yield the waits of a point of a task, and of the task's earlier points."""
     task = place.task
     if task.slot is not None or task.queues is not None:
         yield _whereabouts(central, task)
@@ -134,14 +132,14 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
                 continue
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
-            if children == NAMED:  # the others need not be looked at
+            if children == NAMED:  # the others are only counted
                 yield replace(wait, more=max(_children(own) - NAMED, 0))
                 break
             yield wait
 
 
 def _children(place: Place) -> int:
-    """The number of subtasks that are to be planned, or achieved, before it."""
+    """The number of subtasks that must end planning, or achieving, before a point."""
     task = place.task
     if place.moment == END_PLANNING:
         return task.unplanned
@@ -149,17 +147,15 @@ def _children(place: Place) -> int:
 
 
 def _deciding(task: Task) -> list[Task]:
-    """The exception handlers that keep a task from going on: the one that decides, and those that
-    want it retried.
-    """
+    """Return the exception handlers that hold a task: the deciding one, and retry requesters."""
     if task.recovery is None or task.killed:
         return []
-    known = [task.recovery.handler, *task.recovery.askers]
+    known = [task.recovery.handler, *task.recovery.retry_requesters]
     return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
 
 
 def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
-    """Waits that are no nodes of the graph: time, a person's decision, a monitor's condition."""
+    """Yield waits that are no nodes of the graph: for time, a resume, a monitor's condition."""
     task, moment = place
     if task.killed or task.reached & moment:
         return
@@ -170,7 +166,7 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
         if (
             isinstance(pending, PendingDelay)
             and isinstance(timer, Timer)
-            and pending.moment & together(place)
+            and pending.moment & reached_together(place)
         ):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
     if task.watch is not None and task.watch.is_on and moment != START_PLANNING:
@@ -178,7 +174,7 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
 
 
 def _resume(central: State, task: Task) -> WaitFor:
-    """The wait until somebody resumes a task, which may be suspended far above."""
+    """The wait until a task is resumed; an ancestor may be the one that was suspended."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
             since, by, is_born_so = how
@@ -200,12 +196,12 @@ def condition_of(monitor: Task) -> WaitFor:
 
 
 def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
-    """The wait of a node for one group of the graph."""
+    """The wait of a point for one group of the graph."""
     match group[0]:
         case Place(other, moment):
             wait = _about(_kind(node, other, moment), other, moment)
             if wait.kind is WaitKind.LISTENER:
-                return replace(wait, module=next(iter(heard_by(other).tap.holders), ""))
+                return replace(wait, module=next(iter(listener_cause(other).tap.holders), ""))
             return wait
         case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)
@@ -217,8 +213,9 @@ def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
 
 
 def _kind(node: Place, other: Task, moment: int) -> WaitKind:
+    """The kind of wait of a point for a moment of another task."""
     task, above = node.task, other.parent
-    if other is task.parent and moment & together(node):
+    if other is task.parent and moment & reached_together(node):
         return WaitKind.PARENT
     if other.role is Role.EXCEPTION and (above is task or other in _deciding(task)):
         return WaitKind.RECOVERY
@@ -234,21 +231,21 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
 
 
 def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
-    """The waits for which the handler of a delivery, or anything nested in it, blocks."""
+    """Yield the waits for which a delivery's handler blocks, with those nested in it."""
     slot = delivery.slot
     if slot is None:
         return
     given = slot.handling[delivery]
-    for number, wait in chain(slot.waits.items(), slot.pauses.items()):
+    for number, wait in chain(slot.waits.items(), slot.brief_waits.items()):
         is_nested = wait.since > given
-        if wait.origin == delivery.given_as if wait.is_coroutine else is_nested:
+        if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
             yield from _of_request(central, slot, number, is_first=False)
 
 
 def _of_request(
     central: State, connection: Connection, number: int, *, is_first: bool = True
 ) -> Iterator[WaitFor]:
-    """The wait for an answer; only for the *first* request with the waits behind it."""
+    """Yield the wait for an answer. Only for the *first* request with the reasons behind it."""
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
@@ -271,7 +268,7 @@ def _of_request(
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
-    """The wait of a multi-query: for those that have not answered."""
+    """The wait of a multi-query for the copies that were not answered."""
     copies, name = collector.pending.values(), collector.message.name
     because = tuple(_whereabouts(central, one, is_first=False) for one in copies)
     reply = WaitFor(WaitKind.REPLY, collector.id, name, because=because)
@@ -279,7 +276,7 @@ def replies_to(central: State, collector: Collector) -> WaitFor:
 
 
 def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
-    """The place of a message: with a handler, in a queue, nowhere."""
+    """The place of a message: with a handler, in a queue, or without a handler."""
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
         waits = _of_handler(central, delivery) if is_first else ()
         return _at(WaitKind.RUNNING, resource, waits)
@@ -295,7 +292,7 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
 def of_resource(
     central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0
 ) -> WaitFor:
-    """The wait of a node for a resource, or one of so many *more*."""
+    """The wait of a node for a resource, or for one of *more* others."""
     because = [WaitFor(WaitKind.HANDLER)]
     if resource.slots:
         because = _blockers(central, node)
@@ -305,17 +302,17 @@ def of_resource(
 def _of_claim(central: State, claim: ModuleClaim) -> WaitFor:
     """The wait of a claim for its resource."""
     lock = _at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
-    return replace(lock, number=claim.id, name=_called(claim))
+    return replace(lock, number=claim.id, name=_claim_noun(claim))
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
-    """The waits of those that are in a resource, have it or want it first."""
+    """The waits for whatever is in a resource, holds it, or claims it first."""
     found = []
     groups = islice(needs(central, node), _LOOKED_AT)
-    for one in (one for group in groups for one in group or ()):
-        match one:
+    for needed in chain.from_iterable(group or () for group in groups):
+        match needed:
             case Freeing():
-                found += _blockers(central, one)
+                found += _blockers(central, needed)
             case Returning(delivery):
                 found.append(_about(WaitKind.RUNNING, delivery))
             case Granting(claim):
@@ -327,11 +324,11 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 
 def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
     module = claim.slot.module.name
-    return WaitFor(kind, 0, _called(claim), module=module, because=_for_what(claim))
+    return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_for_what(claim))
 
 
 def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
-    """The message for which somebody wants a resource, or has it."""
+    """The message for which a claim was made."""
     holder = claim.holder
     if holder is None:
         return ()
@@ -339,23 +336,24 @@ def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
     return (_about(kind, holder),)
 
 
-def _called(claim: ModuleClaim) -> str:
+def _claim_noun(claim: ModuleClaim) -> str:
     return "reservation" if claim.admits_owner else "lock"
 
 
-# --- in the end -----------------------------------------------------------------------------------
+# --- final waits ----------------------------------------------------------------------------------
 
 
-def _begun(node: Node) -> Node:
-    """The beginning of a task that has not begun; of others the node itself."""
+def _start_of(node: Node) -> Node:
+    """Return the start of a task that has not started; any other node as it is."""
     if not isinstance(node, Place) or node.task.reached & START_HANDLING or node.task.killed:
         return node
     return next_of(node.task)
 
 
 class Ends:
-    """Final waits, found by following the first wait of each; all searches together look at *edges*
-    edges.
+    """Final waits, found by following the first wait of each node.
+
+    All searches of an object together visit at most *edges* edges.
     """
 
     def __init__(self, central: State, edges: int) -> None:
@@ -364,20 +362,20 @@ class Ends:
         self._walk: walker.Ends[Node, WaitFor] = walker.Ends(self)
 
     def end_of(self, node: Node) -> WaitFor | None:
-        """The final wait of a node; None if that was too far to look."""
+        """Return the final wait of a node; None if it is too far away."""
         try:
             return self._walk.of(node)[0]
         except walker.TooFarError:
             return None
 
     def steps(self, node: Node) -> tuple[list[Node], list[WaitFor]]:
-        """The first wait of a node. What has not begun is waited for by way of its beginning."""
+        """Return the first wait of a node, for the walk."""
         for group in needs(self._central, node):
             self._count_edge()
             if group is not None:
-                return [_begun(group[0])], []
+                return [_start_of(group[0])], []
         self._count_edge()
-        return [], [self._at_rest(node)]
+        return [], [self._final_wait(node)]
 
     def _count_edge(self) -> None:
         if self.edges <= 0:
@@ -385,12 +383,13 @@ class Ends:
         self.edges -= 1
 
     def circle(self, nodes: list[Node]) -> WaitFor:
-        """Nodes that wait for each other: told by the oldest task among them."""
+        """The wait for a cycle of nodes; the oldest task among them stands for it."""
         tasks = [one.task for one in nodes if isinstance(one, Place)]
         first = min(tasks, key=attrgetter("id"), default=None)
         return _about(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
 
-    def _at_rest(self, node: Node) -> WaitFor:
+    def _final_wait(self, node: Node) -> WaitFor:
+        """The final wait at a node that needs nothing."""
         match node:
             case Returning(delivery):
                 where, message = _whereabouts(self._central, delivery), delivery.message

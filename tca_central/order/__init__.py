@@ -1,1 +1,1 @@
-"""The order of events: constraints, the agenda of tasks to look at, and the giving of slots."""
+"""The order of events: constraints, the agenda of tasks to advance, and the queues for slots."""

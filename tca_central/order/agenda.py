@@ -1,10 +1,11 @@
 """The agenda: which moment of which task may be reached when. Knows nothing of modules or sockets.
 
-Theory of operation. A task is looked at again when its constraints are met (holds.py counts them),
-and when its parent or a child has moved: a child starts planning (achieving) only after its parent
-has, a parent ends planning (achieving) only after all its children have. ``settle`` goes on until
-nothing moves. Each point is reached once and each constraint released once, so an event costs what
-it changes, whatever the size of the tree; nothing recurses.
+Theory of operation. A task is checked again when its constraints are met (holds.py counts them),
+and when its parent or a child has advanced. A child starts planning or achieving only after its
+parent has. A parent ends planning or achieving only after all its children have. ``advance_all``
+runs until nothing advances. Each point is reached once and each constraint released once. An event
+therefore costs what it changes, whatever the size of the tree. Nothing recurses: a tree may be
+thousands of tasks deep.
 """
 
 from collections import deque
@@ -41,21 +42,19 @@ from tca_wire.vocabulary import Role
 
 
 class Agenda(Stored):
-    """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and
-    ``ended_waits``.
-    """
+    """Decides which moments are reached. The core consumes its results from the queues below."""
 
     __slots__ = (
         "_facts",
         "ended",
         "ended_waits",
         "holds",
-        "look_at",
-        "only_watched",
-        "resumed",
+        "left_with_watchers",
+        "resumed_monitors",
         "startable",
         "tap_events",
         "taps_to_fire",
+        "to_advance",
         "tree",
         "unanswered",
         "waits",
@@ -66,39 +65,32 @@ class Agenda(Stored):
         self.tree = tree
         self.holds = Holds(tree, facts, clock)
         self._facts = facts
-        self.look_at: deque[Task] = deque()  #: may go on: settle looks at them
-        self.startable: deque[Task] = deque()  #: may be given to a handler
-        self.unanswered: deque[Task] = (
-            deque()
-        )  #: their handlers have returned, without a word to what clients want
+        self.to_advance: deque[Task] = deque()  #: tasks that may have become able to advance
+        self.startable: deque[Task] = deque()  #: tasks that may be given to a handler
+        #: Tasks whose handlers returned without answering clients' requests.
+        self.unanswered: deque[Task] = deque()
         self.withdrawn: deque[tuple[Task, bool]] = deque()
-        """Tasks that may not start now: they leave their queues; each with whether it is only
-        suspended.
-        """
-        self.ended: deque[Task] = deque()  #: have reached their last moment
-        self.waits = 0  #: number of entries in all lists of waiters
-        self.ended_waits: deque[tuple[Task, Stored]] = (
-            deque()
-        )  #: waits whose moment has been reached
-        self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = (
-            deque()
-        )  #: wiretaps to be fired before a task goes on
-        self.tap_events: deque[tuple[Delivery, int]] = (
-            deque()
-        )  #: events of messages that wiretaps may be at
-        self.resumed: deque[Task] = deque()  #: monitors that are suspended no longer
-        self.only_watched: deque[Task] = (
-            deque()
-        )  #: wait for nothing but monitors that are not waited for
+        """Tasks that must leave their queues: they may not start now. True: only suspended."""
+        self.ended: deque[Task] = deque()  #: tasks that have reached their last moment
+        self.waits = 0  #: number of entries in all ``Task.waiters``
+        #: Waits whose moment has been reached.
+        self.ended_waits: deque[tuple[Task, Stored]] = deque()
+        #: Wiretaps to fire before a task may advance.
+        self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()
+        #: Events of messages at which wiretaps may fire.
+        self.tap_events: deque[tuple[Delivery, int]] = deque()
+        self.resumed_monitors: deque[Task] = deque()  #: monitors that are no longer suspended
+        #: Tasks whose only open children are background monitors.
+        self.left_with_watchers: deque[Task] = deque()
 
     # --- calls of the core ------------------------------------------------------------------------
 
     def add(
         self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]
     ) -> list[Constraint]:
-        """Hang a new task under *parent*; the constraints put on it, by absolute ids.
+        """Hang a new task under *parent*. Return the constraints on it, with absolute ids.
 
-        Raises RequestError, and leaves no trace, where a constraint can never be met.
+        Raises RequestError if a constraint can never be met. The tree is then as before.
         """
         sender = sending_module(task)
         last = self.tree.last_sibling(parent, sender)
@@ -111,20 +103,23 @@ class Agenda(Stored):
             added = self._constrain_new(task, last, flags, wanted)
         self.tree.become_last(task, parent, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
-        is_late = parent.retrying and not (task.role or task.is_guest)
+        # A child that arrives after its parent was killed, or while a retry of it is pending, is
+        # killed too: the handler that sent it no longer counts.
+        is_late = parent.retrying and not (task.role or task.is_foreign_monitor)
         if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
-        self.look_at.append(task)
-        if parent.returned and task.is_watcher:  # there may be nothing left to watch over
-            self.look_at.append(parent)
+        self.to_advance.append(task)
+        if parent.returned and task.is_watcher:  # the parent may wait for nothing else
+            self.to_advance.append(parent)
         return added
 
     def _constrain_new(
         self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]
     ) -> list[Constraint]:
-        """Add the constraints that a new task was sent with. With RequestError it is taken out of
-        the tree.
+        """Add the constraints that a new task was sent with.
+
+        On RequestError the task is removed from the tree.
         """
         follows = self.holds.follow(task, last, int(flags)) if last is not None else []
         own = [
@@ -132,7 +127,7 @@ class Agenda(Stored):
             *(resolve(constraint, task.id) for constraint in wanted),
         ]
         try:
-            return self._put_in_force(own, follows, task)
+            return self._apply_all(own, follows, task)
         except RequestError:
             self.tree.detach(task)
             if task.parent is not None:
@@ -140,16 +135,18 @@ class Agenda(Stored):
             raise
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
-        """Add constraints between existing tasks; those that hold anything. All of them or, with
-        RequestError, none.
-        """
-        return self._put_in_force(wanted, [])
+        """Add constraints between existing tasks: all of them or, with RequestError, none.
 
-    def _put_in_force(
+        Returns those that hold something.
+        """
+        return self._apply_all(wanted, [])
+
+    def _apply_all(
         self, wanted: list[Constraint], added: list[Constraint], new: Task | None = None
     ) -> list[Constraint]:
-        """Add constraints beside those that were *added* already, and hold all tasks again but a
-        *new* one.
+        """Add constraints to those in *added*, and withdraw queued tasks that they hold.
+
+        A task that is being added (*new*) is in no queue yet.
         """
         try:
             for constraint in wanted:
@@ -159,35 +156,32 @@ class Agenda(Stored):
             raise
         for constraint in added:
             if new is None or constraint.after.task != new.id:
-                self._hold_again(self.tree.tasks[constraint.after.task])
+                self._withdraw_if_held(self.tree.tasks[constraint.after.task])
         return added
 
     def mark_started(self, task: Task) -> None:
-        """A handler was given the task."""
+        """Reach the first moments of a task that was given to a handler."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            if (
-                task.is_goal or task.returned
-            ):  # its achieving may start, or a monitor was ended before it began
-                self.look_at.append(task)
-        self._look_above(task)
+            # A goal's achieving may start now; a monitor may have been ended before it began.
+            if task.is_goal or task.returned:
+                self.to_advance.append(task)
+        self._check_parent(task)
 
-    def _look_above(self, task: Task) -> None:
-        """A monitor is to watch, or may not begin, perhaps under a task that waits for nothing
-        else.
-        """
+    def _check_parent(self, task: Task) -> None:
+        """Check the parent of a watcher again: with this change it may have only watchers left."""
         if task.is_watcher and task.parent is not None:
-            self.look_at.append(task.parent)
+            self.to_advance.append(task.parent)
 
     def mark_returned(self, task: Task) -> None:
-        """The task's handler has returned, for good."""
+        """Record that the task's handler has returned for good."""
         if task.clients is not None and task.clients.asked:
             self.unanswered.append(task)
         task.returned = True
-        self.look_at.append(task)
+        self.to_advance.append(task)
 
     def retry(self, task: Task) -> None:
-        """Let a started task be handled again, as soon as ``Task.may_be_handled_again``."""
+        """Have a started task handled again, as soon as ``Task.may_be_handled_again``."""
         task.retrying, task.returned = True, False
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
@@ -196,11 +190,12 @@ class Agenda(Stored):
                 tap: heard for tap, heard in task.tapping.fired.items() if tap in done
             }
         self.requeue(task)
-        self._look_above(task)
+        self._check_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
-        """Whether it does not count how the task's handler ended, because the task was killed, or
-        is retried.
+        """Return whether the handler's outcome is void, because the task was killed or is retried.
+
+        If so, the task is ended or retried here.
         """
         if task.killed:
             self.mark_returned(task)
@@ -208,47 +203,48 @@ class Agenda(Stored):
             self.retry(task)
         return bool(task.killed) or task.retrying
 
-    def end_retry_asker(self, task: Task, handler: Task) -> None:
-        """An exception handler that has asked for a retry has ended."""
-        Recovery.of(task).askers.pop(handler, None)
-        self.look_at.append(task)
+    def end_retry_request(self, task: Task, handler: Task) -> None:
+        """An exception handler that asked for a retry has ended: the retry may start."""
+        Recovery.of(task).retry_requesters.pop(handler, None)
+        self.to_advance.append(task)
 
-    def hear(self, task: Task) -> None:
-        """It is known what an exception handler of the task that has ended leaves open."""
-        Recovery.of(task).unheard -= 1
-        self.look_at.append(task)
+    def mark_handler_processed(self, task: Task) -> None:
+        """Record that the decision of an ended exception handler of the task was processed."""
+        Recovery.of(task).unprocessed_handlers -= 1
+        self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
-        """Fire again the wiretaps before the start of a task that has not been started."""
+        """Fire the wiretaps before the start of a task once more: it has not started."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
             tapping = Tapping.of(task)
             tapping.fired = {tap: heard for tap, heard in tapping.fired.items() if tap not in again}
             if task.queues is not None:
-                self._take_back(task)
-            self.look_at.append(task)
+                self._withdraw(task)
+            self.to_advance.append(task)
 
     def requeue(self, task: Task) -> None:
-        """Let a started task that no handler has any more be handled as soon as that may be."""
+        """Have a started task handled again after it lost its handler."""
         if task.queues is not None:
             self.withdrawn.append((task, False))
         self.request_again(task)
 
     def request_again(self, task: Task) -> None:
-        """See whether a task that no handler has, and that is in no queue, may go to one."""
+        """Check whether a task that is in no queue may start."""
         task.requested = False
-        self.look_at.append(task)
+        self.to_advance.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
-        """A delay is over."""
+        """Release what a delay held, as it is over."""
         self.holds.release(release)
         if not release.task.killed:
             self._facts.append(TimedOut(release.constraint))
-        self.look_at.append(release.task)
+        self.to_advance.append(release.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
-        """Mark a task and what dies with it as killed; those for which that is new, parents
-        first.
+        """Mark a task, and every descendant that is killed with it, as killed.
+
+        Returns the tasks that were not killed before, parents first.
         """
         killed = [doomed for doomed in self.tree.subtree(task, doomed=True) if not doomed.killed]
         reason = kill_reason(verdict.why, verdict.by)
@@ -257,31 +253,32 @@ class Agenda(Stored):
             if unbegun := STARTS & ~doomed.reached:
                 self.tree.never_began[doomed.id] = unbegun
             self._facts.append(Killed(doomed.id, *verdict))
-        self.holds.bequeath(killed)
+        self.holds.pass_on(killed)
         for doomed in killed:
             if not doomed.is_running:
                 doomed.returned = True
                 self.withdrawn.append((doomed, False))
-            self.look_at.append(doomed)
+            self.to_advance.append(doomed)
         return killed
 
     def suspend(self, task: Task, *, resume: bool) -> list[Task]:
-        """Start nothing of a subtree, or let it be started again; the tasks for which that is
-        new.
+        """Suspend or resume a subtree. Return the tasks whose state has changed.
+
+        Nothing in a suspended subtree is started. Running handlers continue.
         """
         changed = []
-        for one in self.tree.subtree(task):
-            if one.suspended is not resume:
+        for node in self.tree.subtree(task):
+            if node.suspended is not resume:
                 continue
-            one.suspended = not resume
-            changed.append(one)
-            self._look_above(one)
+            node.suspended = not resume
+            changed.append(node)
+            self._check_parent(node)
             if resume:
-                self.look_at.append(one)
-                if one.message.message_class.is_monitor:
-                    self.resumed.append(one)
-            elif one.requested and one.queues is not None:
-                self._take_back(one, is_suspended=True)
+                self.to_advance.append(node)
+                if node.message.message_class.is_monitor:
+                    self.resumed_monitors.append(node)
+            elif node.requested and node.queues is not None:
+                self._withdraw(node, is_suspended=True)
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Stored) -> None:
@@ -293,36 +290,39 @@ class Agenda(Stored):
         task.waiters[waiter] = moment
 
     def stop_waiting(self, task: Task, waiter: Stored) -> None:
-        """Forget a wait that nobody needs any more."""
+        """Forget a wait that is no longer needed."""
         if task.waiters is not None and task.waiters.pop(waiter, None) is not None:
             self.waits -= 1
 
-    def settle(self) -> None:
-        """Reach all that can be reached."""
-        while self.look_at:
-            self._advance(self.look_at.popleft())
+    def advance_all(self) -> None:
+        """Advance tasks until none can reach another moment."""
+        while self.to_advance:
+            self._advance(self.to_advance.popleft())
         if self.holds.ending:
             self.holds.ending.clear()
 
     # --- reaching moments -------------------------------------------------------------------------
 
     def _advance(self, task: Task) -> None:
-        """Let a task go on as far as it may: reach moments, ask for its delivery."""
+        """Reach all moments that a task may reach now, and request its delivery if it may start."""
         if task.reached == ALL_MOMENTS:
             return
         if task.killed or task.reached & START_HANDLING:
-            self._reach_what_may_be(task)
+            self._reach_due_moments(task)
         if not (task.requested or task.killed) and self._may_start(task):
             task.requested = not (task.message.taps or task.tapping) or self._may_pass(
                 task, first_moments(task)
             )
             if task.requested:
                 self.startable.append(task)
-        if task.watchers and task.watches_alone:
-            self.only_watched.append(task)
+        if task.watchers and task.has_only_watchers_left:
+            self.left_with_watchers.append(task)
 
-    def _reach_what_may_be(self, task: Task) -> None:
-        """Reach every moment, of a task that has begun or was killed, whose time has come."""
+    def _reach_due_moments(self, task: Task) -> None:
+        """Reach every moment whose conditions are met, of a task that has started or was killed.
+
+        ``TaskRules.order`` is sorted, so one pass is enough.
+        """
         before = reached = task.reached
         if task.killed and task.slot is None:
             reached |= STARTS
@@ -340,7 +340,10 @@ class Agenda(Stored):
             self._reach(task, reached & ~before)
 
     def _may_pass(self, task: Task, moments: int) -> bool:
-        """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
+        """Whether no wiretap must fire before a task reaches *moments*.
+
+        If one must, it is queued in ``taps_to_fire``, and the task waits until it has fired.
+        """
         tapping = task.tapping
         if task.killed or not (task.message.taps or (tapping is not None and tapping.taps)):
             return True
@@ -353,41 +356,43 @@ class Agenda(Stored):
         return not new
 
     def taps_fired(self, task: Task) -> None:
-        """The wiretaps before a task went on have been fired; their listeners may hold it."""
+        """Check a task again after the wiretaps before it have fired: listeners may hold it now."""
         Tapping.of(task).is_firing = False
-        self.look_at.append(task)
-        self._look_above(task)
+        self.to_advance.append(task)
+        self._check_parent(task)
 
     def _may_start(self, task: Task) -> bool:
+        """Whether all conditions for the delivery of a task are met."""
         if task.suspended or (task.retrying and not task.may_be_handled_again):
             return False
-        if task.held and is_held(task, START_HANDLING):  # it is handled once more
+        if task.held and is_held(task, START_HANDLING):  # held before a retry
             return False
         if task.delayed and not self._may_reach(task, START_ACHIEVING):
             return False
         return self._may_reach(task, delivered_at(task.is_goal))
 
     def _may_reach(self, task: Task, moment: int) -> bool:
-        """Whether nothing but the order within the task holds that moment back."""
+        """Whether a moment may be reached, as far as constraints and relatives are concerned."""
         if task.held and not task.killed and is_held(task, moment):
             return False
         if moment & STARTS:
             if task.killed:
                 return task.slot is None
-            return bool(task.role) or bool(
-                task.parent and task.parent.reached & moment
-            )  # what central made is free
+            # A task that central made (it has a role) need not wait for its parent.
+            return bool(task.role) or bool(task.parent and task.parent.reached & moment)
         if moment == END_HANDLING or not task.returned:
             return task.returned
-        if task.recovery is not None and task.recovery.unheard and not task.killed:
-            return False  # it may fail again, and have an exception handler to wait for
-        return not (
-            task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned
-        )
+        if task.recovery is not None and task.recovery.unprocessed_handlers and not task.killed:
+            return False  # it may fail again, and then wait for another exception handler
+        open_children = task.children if moment == END_ACHIEVING else task.unplanned
+        return not open_children
 
     def _reach(self, task: Task, moments: int) -> None:
+        """Record *moments* of a task as reached, and queue everything that this may advance."""
         task.reached |= moments
         self._facts.append(Reached(task.id, moments))
+        # The conditions below are tested before each call: most tasks have no wiretap, waiter or
+        # follower, and this function runs for every moment of every task.
         if not task.killed and (
             task.message.taps or (task.tapping is not None and task.tapping.taps)
         ):
@@ -398,37 +403,37 @@ class Agenda(Stored):
                 del task.waiters[waiter]
                 self.waits -= 1
         if task.followers:
-            self.look_at.extend(self.holds.release_followers(task, moments))
+            self.to_advance.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
-            self.look_at.extend(task.children.values())
+            self.to_advance.extend(task.children.values())
         if moments & END_PLANNING and task.is_goal and (parent := task.parent) is not None:
             parent.unplanned -= 1
             if not parent.unplanned:
-                self.look_at.append(parent)
+                self.to_advance.append(parent)
         if task.reached == ALL_MOMENTS:
-            self._end(task)
+            self._remove_ended(task)
 
-    def _end(self, task: Task) -> None:
+    def _remove_ended(self, task: Task) -> None:
+        """Remove a task that has reached its last moment from the tree."""
         self.tree.detach(task)
         if task.held:
             self.holds.forget(task)
         self.ended.append(task)
         parent = task.parent
         if task.role is Role.EXCEPTION and parent is not None:
-            Recovery.of(parent).unheard += 1
+            Recovery.of(parent).unprocessed_handlers += 1
         if parent is None or not (parent.returned or parent.retrying):
             return
         if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):
-            self.look_at.append(parent)
+            self.to_advance.append(parent)
 
-    def _hold_again(self, task: Task) -> None:
-        """A new constraint holds a task: take it out of the queues if it was startable and has not
-        been delivered.
-        """
-        self._look_above(task)
+    def _withdraw_if_held(self, task: Task) -> None:
+        """Take an undelivered task out of its queues if a new constraint holds it."""
+        self._check_parent(task)
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
-            self._take_back(task)
+            self._withdraw(task)
 
-    def _take_back(self, task: Task, *, is_suspended: bool = False) -> None:
+    def _withdraw(self, task: Task, *, is_suspended: bool = False) -> None:
+        """Take a task out of its queues. The core does this, by way of ``withdrawn``."""
         task.requested = False
         self.withdrawn.append((task, is_suspended))

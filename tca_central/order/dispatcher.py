@@ -1,8 +1,7 @@
-"""The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed
-slots on.
+"""The dispatcher brings deliveries to handlers: it chooses resources, and assigns free slots.
 
-Knows messages' handlers and resources' order; knows nothing of points and constraints. What it
-delivers it reports through the functions it is given.
+It knows messages' handlers and resources' order, but no points or constraints. It reports each
+delivery through ``DispatchOutput``.
 """
 
 from collections import deque
@@ -21,23 +20,33 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
-from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_in, note_run
+from tca_central.order.prefetching import (
+    DispatchOutput,
+    Prefetcher,
+    first_prefetched,
+    is_handled_in,
+    record_run,
+)
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
-"""Deliveries that may wait for one resource, or for a handler of one message, before informs are
-dropped and queries refused. Tasks count, but are never refused: they are in the tree anyway.
+"""Deliveries that may wait for one resource, or for any handler of one message.
+
+Beyond it informs are dropped and queries refused. Tasks count, but are never refused: they are in
+the tree anyway.
 """
 
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
-"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for
-a request.
+"""A wait that may close a cycle of waits.
+
+It is that of a queued message, for a claim whose holder has returned, or of a connection for an
+answer.
 """
 
 
 class Dispatcher(Stored):
-    """Every delivery between its start and its handler's return."""
+    """Every delivery from its arrival until its handler has returned."""
 
     __slots__ = (
         "_arrivals",
@@ -47,72 +56,71 @@ class Dispatcher(Stored):
         "_suspects",
         "bytes",
         "changed",
-        "crowded",
         "displaced",
         "granted",
         "handlers",
         "is_holding",
-        "messages_ahead",
+        "prefetcher",
         "running",
         "stranded",
         "to_offer",
+        "waiting_for_custom_handler",
     )
 
-    def __init__(self, facts: list[Fact], out: Out, suspects: deque[Suspect], clock: Clock) -> None:
+    def __init__(
+        self, facts: list[Fact], out: DispatchOutput, suspects: deque[Suspect], clock: Clock
+    ) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
-        self.messages_ahead = MessagesAhead(out, clock)
+        self.prefetcher = Prefetcher(out, clock)
         self._arrivals = 0
-        self.is_holding = False  #: no task starts
-        self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
-        self.bytes = 0  #: held by what waits or is handled, and is no task
-        self.handlers = 0  #: number of all
-        self.changed: dict[
-            MessageType, int
-        ] = {}  #: messages that got or lost handlers -> how many served before
+        self.is_holding = False  #: after a restart: no task starts
+        self.running: dict[int, Delivery] = {}  #: by the number under which its handler has it
+        self.bytes = 0  #: held by deliveries, without tasks
+        self.handlers = 0  #: number of handlers of all messages
+        #: Messages that gained or lost handlers: number of handlers before.
+        self.changed: dict[MessageType, int] = {}
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Resources that may let in somebody, each with the slot whose handler has returned, if one
-        has.
-        """
-        self.granted: deque[ModuleClaim] = deque()  #: claims that have just got their resource
-        self.crowded: deque[Delivery] = (
-            deque()
-        )  #: tasks that have to wait for a handler with wishes
-        self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
-        self.stranded: deque[Delivery] = (
-            deque()
-        )  #: exception handlers that wait because nobody handles them any more
+        """Resources that may admit something, each with its slot that has become free, if any."""
+        self.granted: deque[ModuleClaim] = deque()  #: claims just granted
+        #: Tasks that wait for a handler which decides about them itself (``Handler.is_custom``)
+        self.waiting_for_custom_handler: deque[Delivery] = deque()
+        #: Deliveries that gave way to newer ones, and why.
+        self.displaced: deque[tuple[Delivery, str]] = deque()
+        #: Exception handlers that wait although no handler is left.
+        self.stranded: deque[Delivery] = deque()
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
-        """Deliver, or queue until a slot of a resource that handles the message is free.
+        """Deliver a message, or queue it until a suitable slot is free.
 
-        *targets* are the resources that may take it; by default those of the message's newest
+        *targets* are the resources that may handle it; by default those of the message's newest
         handler and its pool.
         """
         if not delivery.arrival:
             self._arrive(delivery)
         resources = targets or delivery.message.candidates
-        if self._take_free_slot(delivery, resources):
+        if self._assign_free_slot(delivery, resources):
             return
         slot = own_slot(delivery, resources)
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
-            slot.resource.called_back[delivery] = slot
+            slot.resource.locked_out_questions[delivery] = slot
             slot = None
         if slot is None:
             self._queue(delivery, resources)
-            if delivery.message.wishes and delivery.is_task:
-                self.crowded.append(delivery)
+            if delivery.message.custom_handlers and delivery.is_task:
+                self.waiting_for_custom_handler.append(delivery)
         else:
-            self._give_back(delivery, slot)
+            self._assign_nested(delivery, slot)
 
-    def _give_back(self, delivery: Delivery, slot: Connection) -> None:
-        """Let a slot that waits for the answer handle the question itself."""
+    def _assign_nested(self, delivery: Delivery, slot: Connection) -> None:
+        """Have a slot that waits for the answer handle the question itself, nested in its wait."""
         delivery.nested = True
-        self._give(delivery, slot)
+        self._assign(delivery, slot)
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        """Put a delivery into the queues of its resources."""
         delivery.queues = resources
         if not delivery.is_task:
-            self._count_in(delivery, resources)
+            self._count_queued(delivery, resources)
         delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
@@ -120,82 +128,95 @@ class Dispatcher(Stored):
             if delivery.is_stranded:
                 self.stranded.append(delivery)
             return
-        goes_on = False
+        is_sure = False
         for resource in resources:
             resource.queue(delivery)
-            if resource.ahead:
-                self.messages_ahead.make_way(resource, delivery)
-            goes_on = goes_on or _is_sure_to_be_handled(resource)
-        if not goes_on:
+            if resource.prefetched:
+                self.prefetcher.recall_if_overtaken(resource, delivery)
+            is_sure = is_sure or _is_sure_to_be_handled(resource)
+        # Only a message that may wait for ever is checked for a deadlock.
+        if not is_sure:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
-        self.messages_ahead.fill(first)
+        self.prefetcher.fill(first)
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
-                self._keep_within(limit, delivery, resource)
+                self._apply_limit(limit, delivery, resource)
 
-    def _count_in(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
-        """A message that is no task waits; while no task starts, it goes before them."""
+    def _count_queued(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        """Count a queued message that is not a task. While no task starts, it overtakes tasks."""
         self.bytes += DELIVERY_BYTES + len(question.body)
         if self.is_holding:
             self.to_offer.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
-        """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of
-        arrival.
+        """Deliver or queue several messages.
+
+        Free slots go by priority, then by arrival. The rest is queued in the order of arrival.
         """
         if len(deliveries) > 1:
             for delivery in deliveries:
                 self._arrive(delivery)
-            in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
-            left = [one for one in in_turn if not self._take_free_slot(one, one.message.candidates)]
-            deliveries = sorted(left, key=lambda one: one.arrival)
+            in_turn = sorted(
+                deliveries, key=lambda delivery: (-delivery.priority, delivery.arrival)
+            )
+            unassigned = [
+                delivery
+                for delivery in in_turn
+                if not self._assign_free_slot(delivery, delivery.message.candidates)
+            ]
+            deliveries = sorted(unassigned, key=lambda delivery: delivery.arrival)
         for delivery in deliveries:
             self.route(delivery)
 
-    def _arrive(self, one: Delivery | ModuleClaim) -> None:
-        if not one.arrival:
+    def _arrive(self, waiting: Delivery | ModuleClaim) -> None:
+        """Number an arrival: the numbers decide among equal priorities."""
+        if not waiting.arrival:
             self._arrivals += 1
-            one.arrival = self._arrivals
+            waiting.arrival = self._arrivals
 
-    def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+    def _assign_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        """Deliver to a free slot. Return False if all are busy."""
         if self.is_holding and delivery.is_task:
             return False
         for resource in resources:
             if slot := resource.slot_for(delivery):
-                self._give(delivery, slot)
+                self._assign(delivery, slot)
                 return True
         return False
 
-    def _keep_within(
+    def _apply_limit(
         self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource
     ) -> None:
-        """Queue within a pending limit: the longest waiting delivery above it is dropped."""
+        """Apply a pending limit: the delivery that has waited longest is displaced."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
             what, where = newest.message.name, resource.name
             why = f"at most {limit.most} of '{what}' may wait for '{where}', and a newer one came"
             self.displaced.append((oldest, why))
 
-    def _give(self, delivery: Delivery, slot: Connection, *, is_there: bool = False) -> None:
+    def _assign(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool = False) -> None:
+        """Assign a delivery to a slot."""
         delivery.slot = slot
-        self.running[delivery.given_as] = delivery
+        self.running[delivery.handling_id] = delivery
         if not delivery.is_task:
             self.bytes += DELIVERY_BYTES + len(delivery.body)
-        self._out.deliver(delivery, slot, is_there=is_there)
+        self._out.deliver(delivery, slot, is_prefetched=is_prefetched)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
-        """Note that a handler has returned, when, and after how many seconds by its own clock (0:
-        not known). Its slot is given on last, for what follows may kill or hold the next.
+        """Record that a handler has returned at *ended*.
+
+        *took* is the time by the handler's own clock (0: unknown). The slot is offered last,
+        because what follows may kill or hold the next message.
         """
-        del self.running[delivery.given_as]
+        del self.running[delivery.handling_id]
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
-        if slot.doubts:
-            self._clock.cancel(slot.doubts.pop(delivery.given_as, None))
+        if slot.hang_timers:
+            self._clock.cancel(slot.hang_timers.pop(delivery.handling_id, None))
         del slot.handling[delivery]
         slot.unbegun = None
         slot.known_until = ended
@@ -204,13 +225,11 @@ class Dispatcher(Stored):
         elif (resource := slot.resource) is not None:
             seconds = ended - delivery.since
             resource.busy += seconds
-            note_run(resource, took or seconds)
+            record_run(resource, took or seconds)
             self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
-        """Let the first resource that may take the next message of its queue, or grant the next
-        claim on it.
-        """
+        """Let the first resource of ``to_offer`` admit its next message or claim."""
         resource, slot = self.to_offer.popleft()
         if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
@@ -220,113 +239,125 @@ class Dispatcher(Stored):
             self.granted.append(following)
             self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
-            self._give_next(following, resource)
-            if resource.free or resource.called_back:
+            self._assign_next(following, resource)
+            if resource.free or resource.locked_out_questions:
                 self.to_offer.append((resource, None))
-        elif resource.called_back and not resource.is_locked:
-            for delivery, sender in list(
-                resource.called_back.items()
-            ):  # no lock keeps its own questions out
+        elif resource.locked_out_questions and not resource.is_locked:
+            # A slot that waits for an answer from its own resource would wait for itself.
+            for delivery, sender in list(resource.locked_out_questions.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
-                    self._give_back(delivery, sender)
-            resource.called_back.clear()
+                    self._assign_nested(delivery, sender)
+            resource.locked_out_questions.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
-        """The next that a resource lets in; while no task starts, questions go before them."""
+        """Return what a resource admits next.
+
+        While no task starts, only other messages are admitted.
+        """
         following = resource.next_queued()
         if self.is_holding and following is not None and following.is_task:
             return resource.next_question()
         return following
 
-    def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
-        """Give a delivery that waits to a free slot, and send that ahead what follows."""
-        slot = self._take_next(delivery, resource)
+    def _assign_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
+        """Give a queued delivery to a free slot, and let the slot prefetch what follows."""
+        slot = self._move_to_slot(delivery, resource)
         if slot.resource is not None and not delivery.is_task:
-            self.messages_ahead.fill(slot.resource)
+            self.prefetcher.fill(slot.resource)
 
-    def _take_next(
+    def _move_to_slot(
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
     ) -> Connection:
-        slot, is_there, dropped = (
-            resource.take_slot(),
-            delivery in resource.ahead,
-            resource.ahead.get(delivery),
+        """Move a queued delivery to a free slot, which is returned."""
+        slot, is_prefetched, dropped = (
+            resource.acquire_slot(),
+            delivery in resource.prefetched,
+            resource.prefetched.get(delivery),
         )
         self._leave_queues(delivery)
-        self._give(delivery, slot, is_there=is_there)
+        self._assign(delivery, slot, is_prefetched=is_prefetched)
         self._facts.extend(dropped or ())
         return slot
 
-    # --- messages ahead: see ahead.py -------------------------------------------------------------
+    # --- prefetched messages: see prefetching.py --------------------------------------------------
 
-    def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
-        """The delivery of that number, which a slot that handles nothing has begun without being
-        told to.
+    def begin_prefetched(self, slot: Connection, number: int) -> Delivery | None:
+        """Return the prefetched delivery with that number, if an idle slot has begun it; else None.
+
+        The slot does not wait for central: a request of its handler may arrive before the reply
+        that frees the slot. Central then gives it the delivery now.
         """
-        resource, first = slot.resource, first_ahead(slot)
-        if first is None or first.given_as != number or resource is None or not slot.has_room:
+        resource, first = slot.resource, first_prefetched(slot)
+        if first is None or first.handling_id != number or resource is None or not slot.has_room:
             return None
-        if self.to_offer and self.to_offer[-1] == (
-            resource,
-            slot,
-        ):  # as most: what it had before has just returned
+        # Usual case: the message before has just returned, and its slot was offered last.
+        if self.to_offer and self.to_offer[-1] == (resource, slot):
             self.to_offer.pop()
         resource.free_slot(slot)
-        self._take_next(first, resource)
+        self._move_to_slot(first, resource)
         return first
 
-    def _take_all_back(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
-        """What a slot that is gone had ahead, out of its queue; but what nobody wants any more."""
+    def _remove_prefetched(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
+        """Return the prefetched deliveries of a disconnected slot, out of their queue.
+
+        Deliveries that were dropped in the meantime are left out.
+        """
         found = []
-        for delivery in list(resource.ahead) if resource.ahead_at is slot else ():
-            dropped = resource.take_back(delivery)
+        for delivery in list(resource.prefetched) if resource.prefetching_slot is slot else ():
+            dropped = resource.requeue_prefetched(delivery)
             self.withdraw(delivery, keep_place=True, dropped=dropped or ())
             if dropped is None:
                 found.append(delivery)
         return found
 
     def _end_recall(self, resource: ModuleResource) -> None:
+        """Record that a recall is over, if one is in progress."""
         if resource.is_recalling:
             resource.is_recalling = False
             self._facts.append(Recalling(resource.module, resource.name, is_over=True))
 
-    def take_back(
+    def return_prefetched(
         self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
     ) -> list[Delivery]:
-        """A slot gives back deliveries of these numbers, which wait as before; where it *is answer*
-        to a recall, it has begun what it keeps. Those that it is not to have again are returned,
-        out of their queue.
+        """Return prefetched deliveries to the queue.
+
+        In answer to a recall (*is_answer*), those that are not returned have begun. The result is
+        the deliveries that the slot must not get again: they are out of their queue.
         """
         resource = slot.resource
-        if resource is None or resource.ahead_at is not slot:
+        if resource is None or resource.prefetching_slot is not slot:
             return []
         numbers = set(unbegun)
-        given_back = [
-            (one, resource.take_back(one))
-            for one in list(resource.ahead)
-            if one.given_as in numbers
+        returned = [
+            (delivery, resource.requeue_prefetched(delivery))
+            for delivery in list(resource.prefetched)
+            if delivery.handling_id in numbers
         ]
-        for delivery, dropped in given_back:
-            if dropped is not None:  # nobody wants it any more
+        for delivery, dropped in returned:
+            if dropped is not None:  # dropped in the meantime
                 self.withdraw(delivery, dropped=dropped)
-        left = [one for one, dropped in given_back if dropped is None]
-        moved = [one for one in left if not is_handled_in(resource, one, slot.module)]
+        still_wanted = [delivery for delivery, dropped in returned if dropped is None]
+        moved = [
+            delivery
+            for delivery in still_wanted
+            if not is_handled_in(resource, delivery, slot.module)
+        ]
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
-            self.messages_ahead.recall(resource)  # what is under way comes after these
+            self.prefetcher.recall(resource)  # later ones may be on their way to the slot
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
-            if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
-                self._give_next(begun, resource)
-            if was_recalling:  # only now: what it had begun, it had begun before
+            if (begun := first_prefetched(slot)) is not None and resource.is_free(slot):
+                self._assign_next(begun, resource)
+            if was_recalling:  # only now: the message above was begun before the recall ended
                 self._facts.append(Recalling(resource.module, resource.name, is_over=True))
         self.to_offer.append((resource, None))
         return moved
 
-    def go_on(self, modules: Iterable[Module]) -> None:
-        """Let tasks start again."""
+    def release_tasks(self, modules: Iterable[Module]) -> None:
+        """Let tasks start again after a restart."""
         self.is_holding = False
         self.to_offer.extend(
             (resource, None) for module in modules for resource in module.resources.values()
@@ -335,38 +366,39 @@ class Dispatcher(Stored):
     # --- claims -----------------------------------------------------------------------------------
 
     def claim(self, claim: ModuleClaim) -> None:
-        """Let a claim wait for its turn."""
+        """Queue a claim."""
         self._arrive(claim)
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
-            self.messages_ahead.make_way(resource, claim)
+            self.prefetcher.recall_if_overtaken(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: ModuleClaim) -> None:
-        """End a claim, given up or released: others may get in."""
+        """End a claim that was given up or released."""
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(
         self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()
     ) -> None:
-        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the
-        others for later. What a slot has ahead waits until that gives it back, or has begun it.
-        Then these facts are recorded.
+        """Take a delivery out of its queues, if it is in any.
+
+        With *keep_place* it keeps its place for the next time. The facts in *dropped* are recorded
+        now; but if a slot has prefetched the delivery, when the slot has returned or begun it.
         """
-        if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
+        if delivery.queues is None or self.prefetcher.revoke(delivery, dropped):
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
         if not keep_place:
             delivery.arrival = 0
-        self._facts.append(Unqueued(delivery.given_as))
+        self._facts.append(Unqueued(delivery.handling_id))
         self._leave_queues(delivery)
         self._facts.extend(dropped)
 
     def _leave_queues(self, delivery: Delivery) -> None:
-        """A delivery waits no longer; a claim that was behind it may be the next now."""
+        """Remove a delivery from its queues. A claim behind it may be next now."""
         for resource in delivery.queues or ():
             if resource.claims or self.is_holding:
                 self.to_offer.append((resource, None))
@@ -376,9 +408,7 @@ class Dispatcher(Stored):
 
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
-        """Whether too much waits already where a message of this type (for these *targets* only)
-        would have to wait.
-        """
+        """Whether the queues for a message of this type (for *targets* only) are full."""
         if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
         for resource in targets or message.candidates:  # noqa: SIM110 - all() costs twice as much
@@ -386,36 +416,37 @@ class Dispatcher(Stored):
                 return False
         return True
 
-    # --- slots and handlers come and go -----------------------------------------------------------
+    # --- slots and handlers -----------------------------------------------------------------------
 
     def add_slot(self, slot: Connection, resource: ModuleResource) -> None:
-        """A connection offers to handle messages for a resource."""
+        """Add a connection that handles messages for a resource."""
         slot.resource = resource
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self.messages_ahead.recall(resource)  # what was to be handled next may be another's now
+        self.prefetcher.recall(resource)  # the new slot may take some of them
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
-        """A connection is gone; the deliveries that it had (a nested one is newer than the one it
-        is nested in).
+        """Remove a disconnected slot. Return the deliveries that it had.
+
+        A nested delivery is newer than the one that it is nested in.
         """
         ahead: list[Delivery] = []
         if slot.resource is not None:
-            ahead = self._take_all_back(slot, slot.resource)
-            if slot is slot.resource.ahead_at:
+            ahead = self._remove_prefetched(slot, slot.resource)
+            if slot is slot.resource.prefetching_slot:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
-        for timer in slot.doubts.values():
+        for timer in slot.hang_timers.values():
             self._clock.cancel(timer)
-        slot.doubts.clear()
+        slot.hang_timers.clear()
         orphans, slot.handling, slot.unbegun = list(slot.handling), {}, None
         for delivery in orphans:
-            del self.running[delivery.given_as]
+            del self.running[delivery.handling_id]
             if not delivery.is_task:
                 self.bytes -= DELIVERY_BYTES + len(delivery.body)
             if slot.resource is not None and not delivery.nested:
@@ -424,19 +455,20 @@ class Dispatcher(Stored):
         return orphans + ahead
 
     def _serve_all(self, slot: Connection, change: int) -> None:
-        """The handlers of a slot's resource can be called from now on, or no longer."""
+        """Adjust the number of serving handlers for all messages that a slot's resource handles."""
         for handler in slot.module.handlers.values():
             if handler.resource is slot.resource:
                 self._serve(handler.message, change)
 
     def _serve(self, message: MessageType, change: int) -> None:
+        """Adjust the number of serving handlers of a message."""
         self.changed.setdefault(message, message.serving)
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:
-        """Add a handler: it takes over the waiting deliveries of its message."""
+        """Add a handler. It takes over the waiting deliveries of its message."""
         message = handler.message
-        queued = [] if message.fans_out else self._take_queued(message)
+        queued = [] if message.fans_out else self._remove_queued(message)
         message.add_handler(handler)
         self.handlers += 1
         if handler.resource.capacity:
@@ -447,13 +479,14 @@ class Dispatcher(Stored):
         self.route_all(queued)
 
     def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
-        """Remove handlers; what waited for them, out of its queues."""
+        """Remove handlers. Return what waited for them, out of its queues."""
         return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
+        """Remove one handler. Return what waited for it."""
         message = handler.message
-        self.messages_ahead.recall(handler.resource)
-        queued = self._take_queued(message, handler.resource)
+        self.prefetcher.recall(handler.resource)
+        queued = self._remove_queued(message, handler.resource)
         message.remove_handler(handler)
         self.handlers -= 1
         if handler.resource.capacity:
@@ -463,22 +496,25 @@ class Dispatcher(Stored):
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         return queued
 
-    def strand_all(self, messages: Iterable[MessageType]) -> None:
-        """List each exception handler that waits for a handler, now that a module is gone."""
+    def list_stranded(self, messages: Iterable[MessageType]) -> None:
+        """List each exception handler that has no handler left, after a module has disconnected."""
         waiting = (
             one for message in messages for one in message.waiting.values() if one.is_stranded
         )
         self.stranded.clear()
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
-    def _take_queued(
+    def _remove_queued(
         self, message: MessageType, only: ModuleResource | None = None
     ) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first, out of
-        their queues; but those that a slot has ahead.
+        """Take the waiting deliveries of a message (for one resource *only*) out of their queues.
+
+        They are returned, oldest first, without those that a slot has prefetched.
         """
         ahead = {
-            one for resource in ([only] if only else _resources(message)) for one in resource.ahead
+            one
+            for resource in ([only] if only else _resources(message))
+            for one in resource.prefetched
         }
         queued = [one for one in self.queued(message, only) if one not in ahead]
         message.waiting.clear()
@@ -488,7 +524,7 @@ class Dispatcher(Stored):
 
     @staticmethod
     def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first."""
+        """Return the waiting deliveries of a message (for one resource *only*), oldest first."""
         resources = [only] if only else _resources(message)
         found = {
             d.id: d for resource in resources for d in resource.queued() if d.message is message
@@ -498,16 +534,16 @@ class Dispatcher(Stored):
 
 
 def _resources(message: MessageType) -> list[ModuleResource]:
-    """The resources in which a message is handled."""
+    """Return the resources in which a message is handled."""
     return list({handler.resource: None for handler in message.handlers})
 
 
 def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
-    return Queued(delivery.given_as, delivery.message_id, module, resource, delivery.priority)
+    return Queued(delivery.handling_id, delivery.message_id, module, resource, delivery.priority)
 
 
 def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
-    """Whether waiting messages will surely be handled: an unblocked handler is before them."""
+    """Whether an unblocked handler precedes the waiting messages, so that they are no suspects."""
     if resource.held_by is not None or resource.claims:
         return False
     for slot in resource.slots:  # any() costs twice as much
@@ -517,8 +553,9 @@ def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """The sender's own slot, if it blocks for this answer there. Its question ignores capacity and
-    reservations.
+    """Return the sender's own slot, if it blocks there for this answer.
+
+    Its nested question ignores capacity and reservations: else the slot would wait for itself.
     """
     sender = delivery.sender
     if (

@@ -1,9 +1,10 @@
-"""Holds on moments: constraints put in force, undone, and handed on by killed tasks.
+"""Holds on moments: constraints are put in force, undone, and passed on by killed tasks.
 
-Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six
-counters packed into one integer); every task lists the points that wait for its own
-(``Task.followers``). A constraint with a delay lets its follower go by a timer, set when the
-leader's point is reached. Knows points; nothing of handlers or resources.
+Theory of operation. Every point counts its unmet constraints (``Task.held``: six counters packed
+into one integer). Every task lists the points that wait for its own (``Task.followers``). When a
+point is reached, the counters of its followers go down. A constraint with a delay sets a timer at
+that moment instead, and releases its follower when the timer is due. This module knows points, but
+no handlers or resources.
 """
 
 from itertools import pairwise
@@ -48,28 +49,28 @@ _SEQUENCES = (
     (SEQ_ACH, END_ACHIEVING, START_ACHIEVING),
     (SEQ_PLANNING, END_PLANNING, START_PLANNING),
 )
-"""The flags that put a task behind its last sibling: which moment of that holds back which of its
-own.
-"""
+"""The flags that put a task behind its last sibling: (flag, sibling's moment, its own moment)."""
 
 _MOMENT = {int(moment): moment for moment in Moment}
 _BITS = 24
-"""Per counter of ``held``: 16 million constraints on one point. A waiting task takes 1,003 bytes
-with the counters in one integer, and 1,183 with a dict of them, at the same speed
-(dev/benchmarks/core_events.py).
+"""The width of one counter of ``held``: up to 16 million constraints on one point.
+
+One integer saves memory: a waiting task takes 1,003 bytes. With a dict of counters it takes 1,183,
+at the same speed (dev/benchmarks/core_events.py).
 """
 _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
 _BEGINNINGS = sum(_COUNTER << shift for moment, shift in _SHIFT.items() if moment & STARTS)
 
 VOID_ENTRIES = 32
-"""The void entries of waits that may be kept, beyond as many as there are others."""
+"""Void entries that a list of waits may hold beyond the number of valid ones."""
 
-_NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
+_NOW = Point(ROOT, Moment.START_ACHIEVING)
+"""Stands in the journal for the time 0 of the clock."""
 
 
 class PendingDelay(Stored):
-    """A delay under way: *moment* of *task* is held until its timer is due."""
+    """A running delay: *moment* of *task* is held until its timer is due."""
 
     __slots__ = ("constraint", "moment", "task")
 
@@ -88,23 +89,24 @@ class Holds(Stored):
         self._clock = clock
         self.edges = 0  #: number of entries in all lists of followers
         self.ended_followers: dict[Task, int] = {}
-        """By task: number of its followers that were killed while they waited, and have ended."""
-        self.ending: dict[Task, None] = {}  #: killed tasks that end as soon as they are looked at
+        """By leader: number of its followers that were killed while they waited, and have ended."""
+        #: Killed tasks that will end as soon as the agenda advances them.
+        self.ending: dict[Task, None] = {}
 
-    # --- putting in force -------------------------------------------------------------------------
+    # --- put in force -----------------------------------------------------------------------------
 
     def add(self, constraint: Constraint) -> list[Constraint]:
-        """Put one constraint in force; all that hold anything by it, [] if it is met already or
-        void.
+        """Put one constraint in force. Return all that now hold something because of it.
 
-        Raises RequestError if it can never be met, or comes too late.
+        The list is empty if the constraint is met already or void. Raises RequestError if it can
+        never be met, or if the moment that it would hold is past.
         """
         if constraint.delay:
             constraint = self._without_void_delay(constraint)
         before, after = self.before(constraint), self.place(constraint.after)
         if not constraint.delay and (before is None or before.task.reached & before.moment):
             return []
-        if (after := self._to_come(constraint, after)) is None:
+        if (after := self._pending_point(constraint, after)) is None:
             return []
         task, moment = after
         if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
@@ -116,68 +118,71 @@ class Holds(Stored):
         if before is None or before.task.reached & before.moment:
             return [self._delay(constraint, task, moment)]
         self._refuse_cycles(constraint, after, before)
-        if constraint.delay:  # as it is told of when the delay is over
+        if constraint.delay:  # use the moments that the fact will name when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
         inherited = (
-            self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
+            self.inherit(before.task, before.moment, task, moment) if before.task.killed else []
         )
         return [constraint, *inherited]
 
     def follow(self, task: Task, last: Task, flags: int) -> list[Constraint]:
-        """Put a new task behind its last sibling as *flags* say; what that adds. It can close no
-        circle.
+        """Put a new task behind its last sibling as *flags* say. Return the constraints added.
+
+        No search for cycles is needed: nothing can wait for the new task yet.
         """
         added = []
-        for flag, its_moment, moment in _SEQUENCES:
-            if flags & flag and not (last.reached & its_moment or task.reached & moment):
-                self.hold(last, its_moment, task, moment)
-                added.append(_constraint(last, its_moment, task, moment))
+        for flag, leader_moment, moment in _SEQUENCES:
+            if flags & flag and not (last.reached & leader_moment or task.reached & moment):
+                self.hold(last, leader_moment, task, moment)
+                added.append(_constraint(last, leader_moment, task, moment))
                 if last.killed:
-                    added += self.hand_on(last, its_moment, task, moment)
+                    added += self.inherit(last, leader_moment, task, moment)
         return added
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
-        """Hold a moment for some time from now on; the constraint as the journal has it."""
+        """Hold a moment for a time from now on. Return the constraint as the journal records it."""
         recorded = Constraint(_NOW, constraint.after, self._clock.now + constraint.delay)
         task.held += 1 << _SHIFT[moment]
         self._release_later(task, moment, recorded, constraint.delay)
         return recorded
 
     def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
+        """Set the timer that releases a moment after *delay* seconds."""
         release = PendingDelay(task, moment, constraint)
         Plans.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
 
     def hold(
-        self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0
+        self, leader: Task, leader_moment: int, task: Task, moment: int, delay: float = 0
     ) -> None:
-        """From now on *moment* of *task* waits for *its_moment* of *leader*, and *delay* seconds
-        more.
-        """
+        """Make *moment* of *task* wait for *leader_moment* of *leader*, plus *delay* seconds."""
         if leader.followers is None:
             leader.followers = []
-        leader.followers.append((its_moment, task, moment, delay))
+        leader.followers.append((leader_moment, task, moment, delay))
         self.edges += 1
         if leader.parent is not task.parent:
             self.tree.across[leader] = None
         if task.leaders is None:
             task.leaders = []
-        task.leaders.append((moment, leader.id, its_moment))
+        task.leaders.append((moment, leader.id, leader_moment))
         task.held += 1 << _SHIFT[moment]
+        # Entries are not removed when their moments are reached: that would cost a search of the
+        # list. They are swept when more than half of them are void, so the cost stays constant.
         if (
             len(task.leaders) > VOID_ENTRIES
             and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES
         ):
-            task.leaders = [entry for entry in task.leaders if self._is_ahead(entry)]
+            task.leaders = [entry for entry in task.leaders if self._is_pending(entry)]
 
-    def _is_ahead(self, leading: tuple[int, int, int]) -> bool:
-        """Whether what an entry of ``leaders`` waits for is still to come."""
-        leader = self.tree.tasks.get(leading[1])
-        return leader is not None and not leader.reached & leading[2]
+    def _is_pending(self, entry: tuple[int, int, int]) -> bool:
+        """Whether the point of an entry of ``leaders`` has not been reached."""
+        leader = self.tree.tasks.get(entry[1])
+        return leader is not None and not leader.reached & entry[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
-        """Let planning and achieving start group: a hold on either holds both. Whether that is
-        new.
+        """Make planning and achieving start together, so that a hold on either holds both.
+
+        Returns False if they already do.
         """
         if task.delayed:
             return False
@@ -189,30 +194,31 @@ class Holds(Stored):
         return True
 
     def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
-        """Raises RequestError if a constraint can never be met. The constraints of a killed task
-        are inherited.
+        """Refuse a constraint that can never be met.
+
+        A killed task passes its own constraints on to its followers, so those are checked too.
         """
         self._refuse_cycle(constraint, after, before)
         if before.task.killed:
-            for (_, its_moment), leader in self._what_holds(
+            for (_, leader_moment), leader in self._leaders_of(
                 *before, _KilledTogether(set(), {})
             ).items():
-                self._refuse_cycle(constraint, after, Place(leader, its_moment))
+                self._refuse_cycle(constraint, after, Place(leader, leader_moment))
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
-        """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
+        """Refuse a constraint if *start*, its follower, must already come before *goal*."""
         if (path := find_path(self.tree, start, goal)) is not None:
             points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
             circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
             text = (
-                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
+                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a cycle"
             )
             raise RequestError(Refusal.CYCLE, text + _of_monitor(path))
 
     def undo(self, added: list[Constraint]) -> None:
-        """Take back what ``add`` has just put in force."""
+        """Undo what ``add`` has just put in force, newest first."""
         for constraint in reversed(added):
             after = self.place(constraint.after)
             assert after is not None
@@ -236,6 +242,7 @@ class Holds(Stored):
             after.task.held -= 1 << _SHIFT[after.moment]
 
     def _undo_delay(self, task: Task, constraint: Constraint) -> None:
+        """Cancel the timer of a delay that was just started."""
         pending = Plans.of(task).pending
         for release in [
             one for one in pending if isinstance(one, PendingDelay) and one.constraint is constraint
@@ -245,45 +252,48 @@ class Holds(Stored):
             self._clock.cancel(timer)
             task.held -= 1 << _SHIFT[release.moment]
 
-    # --- letting go -------------------------------------------------------------------------------
+    # --- release ----------------------------------------------------------------------------------
 
     def release_followers(self, task: Task, moments: int) -> list[Task]:
-        """*task* has reached *moments*: whoever waited for them and for no delay is held less;
-        those tasks.
+        """Release what waited for *moments* of *task*, which have just been reached.
+
+        Returns the tasks that are held less. A follower with a delay stays held, now by a timer.
         """
         assert task.followers is not None
         freed = []
-        for at, follower, its_moment, delay in task.followers:
-            if not at & moments or (
-                delay and self._has_delay_left(task, at, follower, its_moment, delay)
+        for moment, follower, follower_moment, delay in task.followers:
+            if not moment & moments or (
+                delay and self._has_delay_left(task, moment, follower, follower_moment, delay)
             ):
                 continue
-            follower.held -= 1 << _SHIFT[its_moment]
+            follower.held -= 1 << _SHIFT[follower_moment]
             if not follower.held:
                 follower.leaders = None
             freed.append(follower)
-        self._keep_followers(
+        self._set_followers(
             task, [follower for follower in task.followers if not follower[0] & moments]
         )
         return freed
 
-    def _keep_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
+    def _set_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
+        """Replace a task's list of followers by those that are left."""
         self.edges -= len(leader.followers or ()) - len(left)
         leader.followers = left or None
         if not left and self.ended_followers:
             self.ended_followers.pop(leader, None)
 
     def _has_delay_left(
-        self, task: Task, at: int, follower: Task, its_moment: int, delay: float
+        self, task: Task, moment: int, follower: Task, follower_moment: int, delay: float
     ) -> bool:
-        """Whether a follower is held for the delay, too; after a point that never came it is
-        void.
+        """Start the delay of a follower.
+
+        Return False if the delay is void: it follows a point that never comes.
         """
         if follower.reached == ALL_MOMENTS:
             return True
-        constraint = _constraint(task, at, follower, its_moment, delay)
+        constraint = _constraint(task, moment, follower, follower_moment, delay)
         if not self._never_comes(constraint.before):
-            self._release_later(follower, its_moment, constraint, delay)
+            self._release_later(follower, follower_moment, constraint, delay)
             return True
         if not follower.killed:
             self._facts.append(TimedOut(constraint))
@@ -291,15 +301,16 @@ class Holds(Stored):
 
     @staticmethod
     def release(release: PendingDelay) -> None:
-        """A delay is over."""
+        """Release the moment of a delay that is over."""
         del Plans.of(release.task).pending[release]
         release.task.held -= 1 << _SHIFT[release.moment]
         if not release.task.held:
             release.task.leaders = None
 
     def forget(self, task: Task) -> None:
-        """Clear what a killed task waited for. Its leaders' lists are cleaned when half of them is
-        void.
+        """Clear what a killed task waited for, as it has ended.
+
+        Its entries in its leaders' lists stay until half of such a list is void.
         """
         for entry in task.leaders or ():
             leader = self.tree.tasks.get(entry[1])
@@ -308,7 +319,7 @@ class Holds(Stored):
             ended = self.ended_followers.get(leader, 0) + 1
             self.ended_followers[leader] = ended
             if ended > len(leader.followers) // 2 + VOID_ENTRIES:
-                self._keep_followers(
+                self._set_followers(
                     leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS]
                 )
                 self.ended_followers.pop(leader, None)
@@ -316,58 +327,62 @@ class Holds(Stored):
 
     # --- killed tasks -----------------------------------------------------------------------------
 
-    def bequeath(self, killed: list[Task]) -> None:
-        """Let the followers of killed tasks wait for what those waited for, so that a sequence
-        keeps its order.
+    def pass_on(self, killed: list[Task]) -> None:
+        """Make the followers of killed tasks wait for what those tasks waited for.
+
+        This preserves the order of a sequence when a task in the middle is killed.
         """
         self.ending.update(_ending(killed))
         group = _KilledTogether(set(killed), {})
         for task in killed:
             if task.leaders:
-                for at, follower, held, _ in list(task.followers or ()):
+                for moment, follower, follower_moment, _ in list(task.followers or ()):
                     if follower not in self.ending and (
-                        added := self.hand_on(task, at, follower, held, group)
+                        added := self.inherit(task, moment, follower, follower_moment, group)
                     ):
                         self._facts.append(Constrained(added))
 
-    def hand_on(
+    def inherit(
         self,
         killed: Task,
-        at: int,
+        moment: int,
         follower: Task,
-        held: int,
+        follower_moment: int,
         group: "_KilledTogether | None" = None,
     ) -> list[Constraint]:
-        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or
-        before; by what.
+        """Make a moment of *follower* wait for everything that *moment* of *killed* waits for.
+
+        Returns the new constraints.
         """
-        if follower.reached & held:
+        if follower.reached & follower_moment:
             return []
-        holding = self._what_holds(killed, at, group or _KilledTogether(set(), {}))
-        for (_, its_moment), leader in holding.items():
-            self.hold(leader, its_moment, follower, held)
+        holding = self._leaders_of(killed, moment, group or _KilledTogether(set(), {}))
+        for (_, leader_moment), leader in holding.items():
+            self.hold(leader, leader_moment, follower, follower_moment)
         return [
-            _constraint(leader, its_moment, follower, held)
-            for (_, its_moment), leader in holding.items()
+            _constraint(leader, leader_moment, follower, follower_moment)
+            for (_, leader_moment), leader in holding.items()
         ]
 
-    def _what_holds(
-        self, killed: Task, at: int, group: "_KilledTogether"
+    def _leaders_of(
+        self, killed: Task, moment_of_killed: int, group: "_KilledTogether"
     ) -> "dict[tuple[int, int], Task]":
-        """The leaders that a killed task's moment waits for, also by way of others killed with
-        it.
+        """Return the leaders of *moment_of_killed* of a killed task, by (task id, moment).
+
+        If a leader was killed by the same kill, the result also has that leader's own leaders.
+        Leaders that end at once are left out.
         """
-        origin, known = (int(killed.id), at), group.known
+        origin, known = (int(killed.id), moment_of_killed), group.known
         if origin in known:
             return known[origin]
         found: dict[tuple[int, int], Task] = {}
-        frontier, seen = [(killed, at)], {origin}
+        frontier, seen = [(killed, moment_of_killed)], {origin}
         for task, moment in frontier:  # grows while it is walked
             no_later = RULES[task.message.is_goal].no_later[moment]
-            for its_own, leader_id, its_moment in task.leaders or ():
-                leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
+            for its_own, leader_id, leader_moment in task.leaders or ():
+                leader, place = self.tree.tasks.get(leader_id), (leader_id, leader_moment)
                 first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & its_moment or not no_later & first:
+                if leader is None or leader.reached & leader_moment or not no_later & first:
                     continue
                 if leader not in self.ending:
                     found[place] = leader
@@ -375,14 +390,14 @@ class Holds(Stored):
                     found.update(known[place])
                 elif leader in group.killed and place not in seen:
                     seen.add(place)
-                    frontier.append((leader, its_moment))
+                    frontier.append((leader, leader_moment))
         known[origin] = found
         return found
 
     # --- points -----------------------------------------------------------------------------------
 
     def before(self, constraint: Constraint) -> Place | None:
-        """The point that a constraint waits for; None if that is past."""
+        """Return the point that a constraint waits for; None if it has been reached."""
         if constraint.before.task != ROOT:
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
@@ -392,7 +407,7 @@ class Holds(Stored):
         )
 
     def _without_void_delay(self, constraint: Constraint) -> Constraint:
-        """The constraint; without its delay if that would count from a point that never comes."""
+        """Return the constraint; without its delay if that follows a point that never comes."""
         checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
         return (
             Constraint(constraint.before, constraint.after)
@@ -400,11 +415,11 @@ class Holds(Stored):
             else constraint
         )
 
-    def _to_come(self, constraint: Constraint, after: Place | None) -> Place | None:
-        """The point that a constraint holds back; None if its interval never begins, as its task
-        was killed before.
+    def _pending_point(self, constraint: Constraint, after: Place | None) -> Place | None:
+        """Return the point that a constraint holds back.
 
-        Raises RequestError if it is past.
+        None if its interval never begins because its task was killed before. Raises RequestError if
+        the point is past.
         """
         if self._never_comes(constraint.after):
             return None
@@ -416,33 +431,34 @@ class Holds(Stored):
         return after
 
     def _never_comes(self, point: Point) -> bool:
-        """Whether a point is of an interval that never begins, as its task was killed before."""
+        """Whether a point is in an interval that never begins, as its task was killed before."""
         unbegun = self.tree.never_began.get(point.task)
         return unbegun is not None and bool(unbegun & start_of(int(point.moment)))
 
     def place(self, point: Point) -> Place | None:
-        """The live task and moment of a point; None if the task has ended."""
+        """Return the live task and moment of a point; None if the task has ended."""
         moment, task = checked_moment(point), self.tree.task(point.task)
         return None if task is None else Place(task, unified(task.is_goal, moment))
 
 
 class _KilledTogether(NamedTuple):
-    """Tasks that are killed at once; *known* are the leaders that were found, by task and
-    moment.
-    """
+    """Tasks killed by one kill. *known* caches their leaders, by task id and moment."""
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
 def _ending(killed: list[Task]) -> dict[Task, None]:
-    """The tasks among those just killed that end at once: nothing of them, or under them, still
-    runs or watches.
+    """Return the tasks among those just killed that end at once.
+
+    Nothing of them, or under them, still runs, watches or is left to be sent.
     """
     staying: set[Task] = set()
     doomed = set(killed)
     for task in reversed(killed):
-        is_left = task.watch is not None or (task.plans is not None and task.plans.farewells)
+        is_left = task.watch is not None or (
+            task.plans is not None and task.plans.termination_messages
+        )
         others = any(
             child not in doomed or child in staying for child in (task.children or {}).values()
         )
@@ -452,7 +468,7 @@ def _ending(killed: list[Task]) -> dict[Task, None]:
 
 
 def _of_monitor(path: list[Place]) -> str:
-    """What to do about a circle by way of a monitor that is not waited for."""
+    """Return advice for a cycle that passes through a monitor that is not waited for."""
     for place, after in reversed(list(pairwise(path))):
         if place.moment == ALL_ELSE:
             until = f"until all else under {place.task} has ended"
@@ -461,10 +477,11 @@ def _of_monitor(path: list[Place]) -> str:
 
 
 def _constraint(
-    leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0
+    leader: Task, leader_moment: int, follower: Task, moment: int, delay: float = 0
 ) -> Constraint:
+    """Return the constraint as the journal and the client see it."""
     return Constraint(
-        Point(leader.id, _MOMENT[its_moment]), Point(follower.id, _MOMENT[moment]), delay
+        Point(leader.id, _MOMENT[leader_moment]), Point(follower.id, _MOMENT[moment]), delay
     )
 
 
@@ -474,12 +491,12 @@ def is_held(task: Task, moment: int) -> bool:
 
 
 def has_held_start(task: Task) -> bool:
-    """Whether constraints hold one of its beginnings back."""
+    """Whether a constraint holds back a start of the task."""
     return bool(task.held & _BEGINNINGS)
 
 
 def held_counts(task: Task) -> dict[int, int]:
-    """The number of unmet constraints per moment of a task; for checks and questions."""
+    """Return the number of unmet constraints per moment, for checks and ``tca status``."""
     return {
         moment: count
         for moment, shift in _SHIFT.items()
@@ -488,7 +505,7 @@ def held_counts(task: Task) -> dict[int, int]:
 
 
 def from_flags(flags: int, task: Task) -> list[Constraint]:
-    """The constraints between a new task's own points that flags stand for."""
+    """Return the constraints within a new task that its flags stand for."""
     constraints = []
     if flags & DELAY_PLANNING and task.is_goal:
         constraints.append(delay_planning(task.id))
@@ -498,7 +515,7 @@ def from_flags(flags: int, task: Task) -> list[Constraint]:
 
 
 def resolve(constraint: Constraint, this: TaskId) -> Constraint:
-    """The constraint with THIS replaced by the new task's id."""
+    """Return the constraint with THIS replaced by the new task's id."""
     before, after = constraint.before, constraint.after
     return Constraint(
         Point(this, before.moment) if before.task == THIS else before,

@@ -40,7 +40,7 @@ def on_wait_until_handled(
     messages = [known[name] for name in dict.fromkeys(header.messages)]
     central.check_declared(presence_size(messages))
     if all(message.serving for message in messages):
-        central.send(connection, header.number, Answer(header.number))
+        central.answer(connection, header.number, Answer(header.number))
         return
     wait = PresenceWait(connection, header, messages)
     central.budget.awaited += wait.size
@@ -75,7 +75,7 @@ def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
     needs = "; ".join(cycle.values())
     text = f"modules require each other: {needs}: none of them starts, unless another module joins"
     for wait in cycle:
-        central.tell(wait.connection, Answer(wait.number, text=text, more=True))
+        central.notify(wait.connection, Answer(wait.number, text=text, more=True))
 
 
 def _promise(
@@ -101,7 +101,7 @@ def _as_fact(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
     return wait.connection.module.name, wait.origin, ROOT, 0, WaitKind.PRESENCE, names
 
 
-def tell_changes(central: State) -> None:
+def publish_changes(central: State) -> None:
     """End waits and send notices for messages whose number of slots the event has changed."""
     changed = [
         (message, before)
@@ -118,7 +118,7 @@ def tell_changes(central: State) -> None:
     for wait in [one for one in waits if not one.missing]:
         end_presence_wait(central, wait)
         del wait.connection.outstanding[wait.number]
-        central.send(wait.connection, wait.number, Answer(wait.number))
+        central.answer(wait.connection, wait.number, Answer(wait.number))
     for message, _ in changed:
         if not message.is_notice:
             broadcast_notice(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))

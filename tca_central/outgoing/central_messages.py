@@ -5,7 +5,7 @@ from collections.abc import Callable
 from tca_central.model.deliveries import Context, Delivery, MessageType, ModuleResource
 from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
-from tca_central.state import State, dropped_fact, lose
+from tca_central.state import State, drop, dropped_fact
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
@@ -40,26 +40,26 @@ def route_statement(central: State, original: Delivery) -> None:
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
         targets = () if target is None else (target,)
-        if why := why_kept_out(central, message, delivery.body, *targets):
-            lose(central, delivery, why, Dropping.OVERLOAD)
+        if why := reason_to_refuse(central, message, delivery.body, *targets):
+            drop(central, delivery, why, Dropping.OVERLOAD)
         else:
             central.dispatcher.route(delivery, *targets)
     if not for_each:
         central.facts.append(dropped_fact(original, "it has no handler"))
 
 
-def why_kept_out(
+def reason_to_refuse(
     central: State, message: MessageType, body: bytes, *targets: ModuleResource
 ) -> str:
     """The reason why a message (for `targets` only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
-    return central.why_no_room(len(body))
+    return central.refuse_if_full(len(body))
 
 
-def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> str:
+def reason_to_drop(central: State, message: MessageType, body: bytes) -> str:
     """The reason why all handlers would drop an inform or broadcast; "" if one would not."""
-    if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
+    if (message.handlers or not message.fans_out) and (why := central.refuse_if_full(len(body))):
         return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:
@@ -115,7 +115,7 @@ def make_task(
         about.message_id,
     )
     central.facts[mark:mark] = [birth, *at_birth(task)]
-    central.tell_birth(task)
+    central.report_new_task(task)
     return task
 
 
@@ -202,8 +202,8 @@ def at_birth(task: Task) -> list[facts.Fact]:
     """The facts about a new task: reached moments, if it is waited for, if it survives retries."""
     if task.is_goal:
         return []
-    found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []
-    if task.message.is_aside and not task.is_watcher:
+    found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_foreign_monitor else []
+    if task.message.is_outside_sequence and not task.is_watcher:
         found.append(facts.WaitedFor(task.id))
     return [*found, facts.Reached(task.id, RULES[task.message.is_goal].at_birth)]
 
@@ -221,4 +221,4 @@ def suspend(
         if resume:
             central.tree.suspended.pop(member.id, None)
         if member.slot is not None:
-            central.tell(member.slot, Suspended(member.given_as, not resume))
+            central.notify(member.slot, Suspended(member.handling_id, not resume))

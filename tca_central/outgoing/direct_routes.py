@@ -92,7 +92,7 @@ def review(central: State, messages: Iterable[MessageType]) -> None:
     for message in messages:
         if (route := route_of(message)) != message.route:
             message.route = route
-            for connection in list(message.senders_told):
+            for connection in list(message.informed_senders):
                 _send_route(central, connection, message)
 
 
@@ -109,10 +109,10 @@ def review_copies(central: State, resource: Resource[Connection, Delivery]) -> N
             review_slots(central, slot)
 
 
-def tell_sender(central: State, connection: Connection, message: MessageType) -> None:
+def offer_route(central: State, connection: Connection, message: MessageType) -> None:
     """Send a message's route to a connection that sends the message, unless it has the route."""
-    if connection not in message.senders_told:
-        message.senders_told[connection] = None
+    if connection not in message.informed_senders:
+        message.informed_senders[connection] = None
         connection.routes[message] = None
         _send_route(central, connection, message)
 
@@ -130,7 +130,7 @@ def _send_route(central: State, connection: Connection, message: MessageType) ->
     entrances = [
         _licensed(central, connection, slot.entrance) for slot in route if slot.entrance is not None
     ]
-    central.tell(connection, Route(message.name, entrances))
+    central.notify(connection, Route(message.name, entrances))
 
 
 def _watch(connection: Connection, slot: Connection) -> None:
@@ -141,7 +141,7 @@ def _watch(connection: Connection, slot: Connection) -> None:
 def forget_sender(connection: Connection) -> None:
     """Forget the routes of a connection that is closed, or may have missed changes."""
     for message in connection.routes:
-        del message.senders_told[connection]
+        del message.informed_senders[connection]
     for slot in connection.watches:
         slot.watchers.pop(connection, None)
     connection.routes.clear()
@@ -182,7 +182,7 @@ def bar(central: State, numbers: list[int], *, renew: bool = True) -> None:
     connections = list(central.registry.connections.values())
     for slot in connections:
         if slot.entrance is not None:
-            central.tell(slot, Barred([_licence_name(central, number) for number in numbers]))
+            central.notify(slot, Barred([_licence_name(central, number) for number in numbers]))
     for sender in connections:
         if sender.licence in barred:
             sender.licence = 0
@@ -190,13 +190,13 @@ def bar(central: State, numbers: list[int], *, renew: bool = True) -> None:
                 _send_route(central, sender, message)
 
 
-def tell_barred(central: State, slot: Connection) -> None:
+def send_invalid_licences(central: State, slot: Connection) -> None:
     """Send a slot all invalid licences, since it may have missed some."""
     if slot.entrance is not None and (barred := central.registry.permissions.barred):
-        central.tell(slot, Barred([_licence_name(central, number) for number in barred]))
+        central.notify(slot, Barred([_licence_name(central, number) for number in barred]))
 
 
-def bar_owners(central: State, principals: Iterable[str]) -> None:
+def invalidate_licences_of(central: State, principals: Iterable[str]) -> None:
     """Invalidate the licences of revoked keys. Their connections end next, and get nothing more."""
     revoked = dict.fromkeys(principals)
     numbers = [
@@ -220,7 +220,7 @@ def review_licences(central: State) -> None:
 # --- entrances ------------------------------------------------------------------------------------
 
 
-def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
+def report_closed_slot(central: State, slot: Connection, why: str, *, lost: bool) -> None:
     """Report a closed slot to senders that may have sent it queries: it will answer none.
 
     The routes must have been reviewed before.
@@ -231,7 +231,7 @@ def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) ->
         )
         for connection in slot.watchers:
             del connection.watches[slot]
-            central.tell(connection, notice)
+            central.notify(connection, notice)
         slot.watchers.clear()
 
 
@@ -244,7 +244,7 @@ def on_watch_entrance(
         if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
             _watch(connection, slot)
             return
-    central.tell(connection, EntranceGone(header.endpoint, "the module was lost in the meantime"))
+    central.notify(connection, EntranceGone(header.endpoint, "the module was lost in the meantime"))
 
 
 # --- outcomes of direct messages ------------------------------------------------------------------

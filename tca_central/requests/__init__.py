@@ -1,1 +1,1 @@
-"""Requests of modules: a function for each message."""
+"""The requests of modules: one function each."""

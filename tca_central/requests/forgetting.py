@@ -1,5 +1,6 @@
-"""Messages that nobody needs any more make room for new ones: their names are bounded, and their
-formats take bytes.
+"""Declared messages that are no longer needed are forgotten, to make room for new ones.
+
+The number of names is limited, and formats take memory.
 """
 
 from collections.abc import Iterable, Iterator
@@ -8,29 +9,26 @@ from tca_central.errors import RequestError
 from tca_central.model import registry
 from tca_central.model.deliveries import MessageType
 from tca_central.model.tasks import Task
-from tca_central.state import Collector, State, lose
+from tca_central.state import Collector, State, drop
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 AT_ONCE = 1000
-"""So many are forgotten together, with what waits for their handlers, if so many can be: what it
-takes to find them is spent only now and then.
-"""
+"""Messages forgotten together, if enough are unneeded. The search is expensive, so it is rare."""
 
 STEPS = 50
-"""So many things are looked at for each event that has been handled, where there is little to be
-forgotten.
-"""
+"""Objects that may be checked per event since the last search, if little was found."""
 
 
 def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
-    """See that so many new names, and so many bytes more, can be declared: forget what nobody
-    needs, but none of the *needed* names. Raises RequestError if that is not enough.
+    """Forget unneeded messages to make room for new names and *size* more bytes.
+
+    Names in *needed* stay. Raises RequestError if there is still too little room.
     """
     known = central.registry
     if _fits(central, new, size):
         return
-    if central.events >= known.look_after:
+    if central.events >= known.next_search:
         _forget_unused(central, new, size, set(needed))
     if (over := len(known.messages) + len(new) - registry.MESSAGES) > 0:
         text = f"{registry.MESSAGES} messages have been declared: '{new[-over]}' is too many"
@@ -40,13 +38,15 @@ def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) 
 
 
 def _fits(central: State, new: list[str], size: int) -> bool:
+    """Whether new names and bytes fit into the limits."""
     is_known = len(central.registry.messages) + len(new) <= registry.MESSAGES
     return is_known and central.declared_bytes + size <= central.budget.declared
 
 
 def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) -> None:
-    """Walks over all that refers to messages: where that is in vain, or nearly so, not again
-    soon.
+    """Forget messages that nothing refers to.
+
+    After a search that found little, the next one is delayed.
     """
     steps, known = 0, central.registry
     used: dict[MessageType, None] = {}
@@ -56,9 +56,8 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
     needed.update(part for message in used for part in message.parts)
     unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
     values = central.variables.values
-    unused.sort(
-        key=lambda one: (one.name in values, len(one.waiting))
-    )  # what loses least goes first, then the oldest
+    # Messages whose loss matters least come first, then the oldest.
+    unused.sort(key=lambda one: (one.name in values, len(one.waiting)))
     freed = 0
     for message in unused:
         if (freed >= AT_ONCE or message.name in values) and _fits(central, new, size):
@@ -66,27 +65,29 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
         freed += 1 + len(message.waiting)
         _forget(central, message)
     if len(unused) < AT_ONCE:
-        known.look_after = central.events + (steps + len(known.messages)) // STEPS
+        known.next_search = central.events + (steps + len(known.messages)) // STEPS
 
 
 def _forget(central: State, message: MessageType) -> None:
+    """Forget a message, its value, and the informs that wait for a handler of it."""
     if (value := central.variables.values.get(message.name)) is not None:
         central.variables.forget(message.name)
-        why = "nobody declares it any more, and its place was needed"
+        why = "no module declares it any more, and its place was needed"
         central.facts.append(facts.Dropped(value.message_id, message.name, why))
     for inform in list(message.waiting.values()):
         central.dispatcher.withdraw(inform)
-        why = "nobody handles it, who declared it has left, and its name's place was needed"
-        lose(central, inform, why, Dropping.OVERLOAD)
+        why = "it has no handler, its module has left, and room was needed for other names"
+        drop(central, inform, why, Dropping.OVERLOAD)
         central.budget.refused += 1
-    for connection in message.senders_told:
+    for connection in message.informed_senders:
         connection.routes.pop(message, None)
     central.registry.forget_message(message)
 
 
 def _used(central: State) -> Iterator[MessageType]:
-    """The messages that somebody declares, handles or waits for, that are on their way, or attached
-    to something; but informs that wait for a handler, if that is all.
+    """Yield the messages that are in use: declared, handled, awaited, on their way, or attached.
+
+    Informs without a handler do not count.
     """
     for message in central.registry.messages.values():
         if (
@@ -115,6 +116,10 @@ def _used(central: State) -> Iterator[MessageType]:
 
 
 def _used_by(task: Task) -> Iterator[MessageType]:
+    """Yield the messages that a task refers to."""
     yield task.message
-    yield from (message for message, _ in (task.plans.farewells if task.plans is not None else ()))
+    yield from (
+        message
+        for message, _ in (task.plans.termination_messages if task.plans is not None else ())
+    )
     yield from (tap.listener for tap in task.taps)

@@ -1,12 +1,13 @@
-"""Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in
-core.py says which.
+"""Modules connect, declare messages, offer handlers, and disconnect.
+
+One function per message; HANDLERS in core.py lists them.
 """
 
 from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
-from tca_central.life_cycles.changes import check_wishes, restart, tell_again
+from tca_central.life_cycles.changes import check_custom_handler, resend_requests, restart
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
@@ -19,11 +20,11 @@ from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
-from tca_central.requests.restarting import go_on_if_complete
-from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
+from tca_central.requests.restarting import release_if_complete
+from tca_central.requests.variables import forget_unfit_value, send_value_to_watcher
 from tca_central.requests.waiting import give_up
-from tca_central.state import State, cancelled_header, deliver_header, lose
-from tca_central.watching.taps import fire_after, listeners_come
+from tca_central.state import State, cancelled_header, deliver_header, drop
+from tca_central.watching.taps import fire_after, on_listeners_added
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
 from tca_wire.messages.failures import MODULE_LOST, UNCERTAIN
@@ -42,11 +43,9 @@ from tca_wire.rules import FAILURE, RETURNED
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_AHEAD = 64
-"""Messages that a slot is sent ahead, whatever it takes."""
+"""Messages that a slot may prefetch, even if it asks for more."""
 MOST_LATE = MOST_AHEAD + 8
-"""Answers of a lost connection that are expected to come all the same: of what it had ahead, and of
-nested ones.
-"""
+"""Late answers expected from a lost connection: for prefetched and nested messages."""
 
 
 def greet(
@@ -54,7 +53,7 @@ def greet(
 ) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
-    _check(header)
+    _check_hello(header)
     session = f"{header.incarnation}/{header.connection}"
     _check_owner(central, header, session, principal)
     rights = _rights(central, header, principal)
@@ -76,56 +75,60 @@ def greet(
         connection.entrance = (
             direct_routes.own_entrance(central, header) if header.resource else None
         )
-        if connection.entrance is None:  # else it may be busy with what central does not know
+        if connection.entrance is None:  # else a direct message may come between
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         connection.hung_after = header.hung_after if header.resource else 0.0
         _join(central, connection, header.resource)
     connection.pulse, connection.rights = header.pulse, rights
     on_hello_again(central, connection, header, b"")
-    _tell_again(central, connection)
-    go_on_if_complete(central)
+    _resend_all(central, connection)
+    release_if_complete(central)
 
 
-def _tell_again(central: State, connection: Connection) -> None:
-    """Say what a connection that came back may not have heard."""
-    for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
-        central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
+def _resend_all(central: State, connection: Connection) -> None:
+    """Repeat what a connection that is back may have missed."""
+    for orphan in connection.orphans:  # it has failed: a handler that still runs should stop
+        central.notify(connection, Cancelled(orphan, "its connection to central was lost"))
     connection.orphans = []
     for number, taken in connection.lost_claims.items():
-        central.tell(connection, headers.Taken(number, taken.text))
+        central.notify(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.running.values()):
-        if (
-            delivery.slot is connection
-        ):  # it may have been lost on the way; a slot that has it ignores it
-            central.tell(connection, deliver_header(delivery), delivery.body)
+        # It may have been lost on the way. A slot that has it ignores the repetition.
+        if delivery.slot is connection:
+            central.notify(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task):
-                tell_again(central, delivery)
+                resend_requests(central, delivery)
                 if delivery.killed or delivery.retrying:
-                    central.tell(connection, cancelled_header(delivery))
+                    central.notify(connection, cancelled_header(delivery))
     resource = connection.resource
     if resource is None:
-        _tell_of_hung_slots(central, connection)
-    elif resource.ahead_at is connection:
-        _tell_what_is_ahead(central, connection, resource)
+        _report_hung_slots(central, connection)
+    elif resource.prefetching_slot is connection:
+        _resend_prefetched(central, connection, resource)
 
 
-def _tell_what_is_ahead(central: State, connection: Connection, resource: ModuleResource) -> None:
-    for place, delivery in enumerate(resource.ahead, len(connection.handling)):
-        central.tell(connection, deliver_header(delivery, place), delivery.body)
+def _resend_prefetched(central: State, connection: Connection, resource: ModuleResource) -> None:
+    """Send prefetched messages again, and the recall if one is in progress."""
+    for place, delivery in enumerate(resource.prefetched, len(connection.handling)):
+        central.notify(connection, deliver_header(delivery, place), delivery.body)
     if resource.is_recalling:
         central.recall(connection)
 
 
-def _tell_of_hung_slots(central: State, connection: Connection) -> None:
+def _report_hung_slots(central: State, connection: Connection) -> None:
+    """Repeat which slots of a module to replace, because their handlers hang."""
     for lost in central.registry.lost.values():
         if lost.was_replaced and lost.module is connection.module:
-            central.tell(connection, headers.Replace(lost.number))
+            central.notify(connection, headers.Replace(lost.number))
 
 
-def _check(header: headers.Hello) -> None:
-    """Raises RequestError if central can't do with it."""
+def _check_hello(header: headers.Hello) -> None:
+    """Raise RequestError if the fields of a hello are not valid."""
     if header.version != PROTOCOL_VERSION:
-        text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
+        text = (
+            f"module '{header.module}' speaks protocol {header.version}, "
+            f"central {PROTOCOL_VERSION}: use one version"
+        )
         raise RequestError(Refusal.PROTOCOL, text)
     check_name("module", header.module, or_none=True)
     check_name("process", header.process, or_none=True)
@@ -139,22 +142,26 @@ def _check(header: headers.Hello) -> None:
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
-    """Raises RequestError if the module, or a lost connection of it, is somebody else's: nobody
-    takes them over.
-    """
+    """Raise RequestError if another user owns the module or lost connection with these names."""
     before = central.registry.lost.get(session)
     if before is not None and before.was_replaced:
-        text = f"slot {header.connection} of module '{header.module}' was given up, for its handler did not return"
+        text = (
+            f"slot {header.connection} of module '{header.module}' was given up, "
+            "because its handler did not return"
+        )
         raise RequestError(Refusal.TOO_LATE, text)
     known = central.registry.modules.get(header.incarnation) or before
     if known is not None and known.principal != principal:
-        text = f"another run of module '{header.module}' has this incarnation, and is somebody else's: draw a new one"
+        text = (
+            f"another user's run of module '{header.module}' has this incarnation: draw a new one"
+        )
         raise RequestError(Refusal.FORBIDDEN, text)
 
 
 def _rights(central: State, header: headers.Hello, principal: str) -> Rights | None:
-    """What the connection may do; None: everything. Raises RequestError if it may not be such a
-    module.
+    """Return a connection's rights; None: everything is allowed.
+
+    Raises RequestError if the rules do not admit the module.
     """
     if central.registry.permissions.rules is None:
         return None
@@ -167,9 +174,10 @@ def _rights(central: State, header: headers.Hello, principal: str) -> Rights | N
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:
+    """Add a connection to its module, with the state of a lost one of the same session."""
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
-        central.answers.hand_on(before, connection)
+        central.answers.transfer(before, connection)
         connection.last_number = before.last_number
         connection.tasks = before.tasks
         connection.orphans, connection.late, connection.lost_claims = (
@@ -189,26 +197,24 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
-    """A connection that is known asks whether it still is."""
+    """A known connection asks whether central still knows it."""
     direct_routes.forget_sender(connection)
     welcome = headers.Welcome(
         header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
     )
-    central.tell(connection, welcome)
-    direct_routes.tell_barred(central, connection)
+    central.notify(connection, welcome)
+    direct_routes.send_invalid_licences(central, connection)
 
 
 def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
-    """A connection closes of its own will."""
+    """A connection closes in order."""
     disconnect(central, connection, "it said goodbye", lost=False)
 
 
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
-    """A connection is gone. Its unfinished messages have failed (*lost*) or go to another
-    handler.
-    """
+    """Remove a connection. Its unfinished messages fail (*lost*) or go to another handler."""
     module = connection.module
-    central.untold.pop(connection, None)
+    central.unconfirmed.pop(connection, None)
     is_uncertain = connection in central.hold.awaited
     central.hold.awaited.pop(connection, None)
     forgotten = central.registry.forget_connection(connection)
@@ -220,29 +226,28 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        if (
-            module.connections
-        ):  # its exception handlers are passed over only when its slots are gone
+        # The others close next. Its exception handlers are passed over with the last of them.
+        if module.connections:
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
-        _note_orphan(connection, delivery, why)
+        _record_orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct_routes.review_slots(central, connection)
-        direct_routes.tell_slot_gone(central, connection, why, lost=lost)
+        direct_routes.report_closed_slot(central, connection, why, lost=lost)
     _forget_if_gone(central, module, why, lost=lost)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _fail_or_drop(central, delivery, module, why, lost=lost, is_uncertain=is_uncertain)
         else:
-            _give_to_another(central, delivery)
-    go_on_if_complete(central)
+            _reassign(central, delivery)
+    release_if_complete(central)
 
 
 def on_grace_over(central: State, _: None) -> None:
-    """Those who are not back by now, after a restart of central, are lost."""
+    """Disconnect the connections that did not come back in time after a restart of central."""
     central.hold.grace = None
     for connection in list(central.hold.awaited):
         if connection in central.hold.awaited:
@@ -250,29 +255,35 @@ def on_grace_over(central: State, _: None) -> None:
 
 
 def on_hung(central: State, delivery: Delivery) -> None:
-    """A handler that should have returned has not, and nobody waits for it any more: its slot is
-    given up, and its module is told to put another in its place.
+    """Give up a slot whose handler has not returned in time, although it is no longer needed.
+
+    Its module is asked to replace the slot.
     """
     slot = delivery.slot
-    if slot is None or slot.doubts.pop(delivery.given_as, None) is None or slot.resource is None:
+    if (
+        slot is None
+        or slot.hang_timers.pop(delivery.handling_id, None) is None
+        or slot.resource is None
+    ):
         return
-    what = f"its handler of '{delivery.message.name}' hangs: nobody has waited for it for {slot.hung_after:g} s"
+    what = (
+        f"its handler of '{delivery.message.name}' hangs: "
+        f"it has not been needed for {slot.hung_after:g} s"
+    )
     slot.was_replaced = True
     slot.resource.replaced += 1
     module = slot.module
     disconnect(central, slot, what, lost=True)
     for own in module.connections.values():
         if own.resource is None:
-            central.tell(own, headers.Replace(slot.number, what))
+            central.notify(own, headers.Replace(slot.number, what))
 
 
-def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
-    """A connection is gone that had a delivery. If it comes back it may still answer, and learns
-    why that is late.
-    """
+def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+    """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
     what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
-    connection.orphans.append(delivery.given_as)
-    connection.late[delivery.given_as] = (
+    connection.orphans.append(delivery.handling_id)
+    connection.late[delivery.handling_id] = (
         f"the answer of {what} came too late: the module had been lost ({why})"
     )
     if len(connection.late) > MOST_LATE:
@@ -280,15 +291,13 @@ def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
 
 
 def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> None:
-    """A module has lost a connection. If that was the last, all that it handled, had and kept is
-    gone.
-    """
+    """Remove a module that has no connection left, with all that it handled, held and retained."""
     if module.connections:
         if not module.handlers and not module.has_slots:  # it only sends
-            central.dispatcher.strand_all(central.registry.messages.values())
+            central.dispatcher.list_stranded(central.registry.messages.values())
         return
     remove_handlers(central, list(module.handlers.values()))
-    central.dispatcher.strand_all(central.registry.messages.values())
+    central.dispatcher.list_stranded(central.registry.messages.values())
     claims.end_claims_on_module(central, module, why)
     release_all(central, module)
     central.registry.forget_module(module)
@@ -298,7 +307,7 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
 
 
 def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:
-    """Broadcast that a module came or went, but for commands that people type."""
+    """Broadcast that a module joined or left, except the commands that people type."""
     if not module.name.startswith(COMMANDS):
         broadcast_notice(central, notice, data)
 
@@ -306,12 +315,12 @@ def _announce(central: State, module: Module, notice: Notice[D], data: D) -> Non
 def _fail_or_drop(
     central: State, delivery: Delivery, module: Module, why: str, *, lost: bool, is_uncertain: bool
 ) -> None:
-    """End a delivery that only that handler could have finished."""
+    """End a delivery that only the lost handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
-        lose(central, delivery, f"module '{module.name}' left before it began with it")
+        drop(central, delivery, f"module '{module.name}' left before it began with it")
         return
-    if isinstance(delivery, Task) and delivery.given_as != delivery.id:
-        central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+    if isinstance(delivery, Task) and delivery.handling_id != delivery.id:
+        central.facts.append(facts.Returned(delivery.handling_id, Outcome.FAILED, b""))
     fire_after(central, delivery, RETURNED | FAILURE)
     text = f"module '{module.name}' was lost: {why}"
     failure = (
@@ -322,14 +331,13 @@ def _fail_or_drop(
     fail_delivery(central, delivery, failure)
 
 
-def _give_to_another(central: State, delivery: Delivery) -> None:
+def _reassign(central: State, delivery: Delivery) -> None:
     """Give a delivery that its module had not begun to another handler."""
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    central.facts.append(
-        facts.Unqueued(delivery.given_as)
-    )  # it may be held, or killed, before it is queued elsewhere
+    # It may be held or killed before it is queued again, so it leaves its queue first.
+    central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
         central.agenda.requeue(delivery)
@@ -339,8 +347,9 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
 
 
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
-    """A module declares messages and handlers: all of them or none; and says when it has attached
-    all.
+    """Declare messages and handlers: all of them or none.
+
+    A module also says here when it has made the attachments of its start.
     """
     module, registry = connection.module, central.registry
     new = {declared.name: declared for declared in header.messages}
@@ -352,13 +361,18 @@ def on_register(central: State, connection: Connection, header: headers.Register
         check_name("resource", handled.resource)
         check_name("pool", handled.pool, or_none=True)
         if handled.message not in new and handled.message not in registry.messages:
-            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+            raise RequestError(
+                Refusal.UNKNOWN, f"no module has declared message '{handled.message}'"
+            )
         if handled.pending < 0:
-            text = f"pending={handled.pending} of '{handled.message}': give 1 or more, or 0 for no limit"
+            text = (
+                f"pending={handled.pending} of '{handled.message}': "
+                "give 1 or more, or 0 for no limit"
+            )
             raise RequestError(Refusal.PROTOCOL, text)
         known = new.get(handled.message) or registry.messages[handled.message].format
         direct_routes.check_handler(handled, known.message_class)
-        check_wishes(handled, known)
+        check_custom_handler(handled, known)
     _make_room(central, header)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
@@ -374,7 +388,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
                 )
             )
             forget_unfit_value(central, message)
-    listeners_come(central, [handled.message for handled in header.handlers])
+    on_listeners_added(central, [handled.message for handled in header.handlers])
     for handled in header.handlers:
         _add_handler(central, module, handled)
     module.is_ready |= header.is_ready
@@ -382,7 +396,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
 
 
 def _make_room(central: State, header: headers.Register) -> None:
-    """Raises RequestError if no so much can be declared."""
+    """Raise RequestError if a registration needs more room than there is."""
     names = [declared.name for declared in header.messages]
     new = [name for name in dict.fromkeys(names) if name not in central.registry.messages]
     handled = [handled.message for handled in header.handlers]
@@ -399,6 +413,7 @@ def _make_room(central: State, header: headers.Register) -> None:
 
 
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
+    """Add a handler. It replaces the module's own handler of the same message."""
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = central.registry.resource(module, handled.resource)
@@ -409,30 +424,33 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     handler = Handler(message, module, resource, handled)
     central.dispatcher.add_handler(handler)
     direct_routes.review(central, [message])
-    tell_new_watcher(central, handler)
+    send_value_to_watcher(central, handler)
 
 
 def on_unregister(
     central: State, connection: Connection, header: headers.Unregister, _: bytes
 ) -> None:
-    """A module stops handling messages; those under way are finished."""
+    """A module stops handling messages. Handlers that run continue to their ends."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in dict.fromkeys(names) if name in handlers])
-    if not header.messages and connection.module.has_slots:  # it is leaving, as above
+    if not header.messages and connection.module.has_slots:  # as in ``disconnect``
         central.dispatcher.stranded.clear()
     central.accept(connection, header.number)
 
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
-    """A slot gives back what it had ahead; what it is not to handle any more goes elsewhere."""
-    moved = central.dispatcher.take_back(connection, header.deliveries, is_answer=header.is_answer)
+    """A slot returns prefetched messages. If it may not handle one any more, it goes elsewhere."""
+    moved = central.dispatcher.return_prefetched(
+        connection, header.deliveries, is_answer=header.is_answer
+    )
     _send_elsewhere(central, moved, connection.module.name)
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
-    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails
-    or is dropped.
+    """Remove handlers. The messages that waited for them go elsewhere.
+
+    Messages for one module alone fail or are dropped.
     """
     queued = central.dispatcher.remove_handlers(handlers)
     if queued:
@@ -441,9 +459,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
 
 
 def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:
-    """A module no longer handles what waited for it: that is routed again; what was meant for it
-    alone ends.
-    """
+    """Route messages again that a module no longer handles. Messages for it alone end."""
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:
         if not delivery.message.fans_out:
@@ -452,19 +468,20 @@ def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
-            lose(central, delivery, why)
+            drop(central, delivery, why)
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:
-    """Route again what waited for handlers that are gone: exception handlers first, for that may
-    end other tasks.
+    """Route messages again whose handlers were removed.
+
+    Exception handlers come first, because they may end other tasks.
     """
     stranded = [delivery for delivery in queued if delivery.is_stranded]
     others = [delivery for delivery in queued if not delivery.is_stranded]
     central.dispatcher.route_all(stranded)
     if stranded:
         tasks = [one for one in others if isinstance(one, Task)]
-        central.facts.extend(facts.Unqueued(task.given_as) for task in tasks)
+        central.facts.extend(facts.Unqueued(task.handling_id) for task in tasks)
         central.agenda.startable.extend(tasks)
         others = [one for one in others if not isinstance(one, Task)]
     central.dispatcher.route_all(others)

@@ -1,6 +1,4 @@
-"""Tasks that a connection names by the requests that sent them, for it has not been told of their
-ids yet.
-"""
+"""Tasks named by the requests that sent them, as their sender does not know their ids yet."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
@@ -18,7 +16,7 @@ from tca_wire.vocabulary import Refusal
 
 
 def with_ids(connection: Connection, header: Any) -> Any:
-    """A header whose tasks all go by their ids. Raises RequestError where one was never made."""
+    """Return the header with all tasks named by id. Raise RequestError if one was never made."""
     changes = {}
     for field, resolve in NAMING[type(header)]:
         named = getattr(header, field)
@@ -28,18 +26,19 @@ def with_ids(connection: Connection, header: Any) -> Any:
 
 
 def refuse_lost(lost: list[tuple[int, int]], header: Any) -> None:
-    """Raise RequestError where a header names a task that may have been, and was lost with what the
-    disk lost.
-    """
+    """Raise RequestError if a header names a task that the disk may have lost."""
     for field, _ in NAMING[type(header)]:
         for task in _named(getattr(header, field)):
             if any(first <= task <= last for first, last in lost):
-                text = f"task {task} is lost: it was not on the disk, or left out, when central came back; send it again"
+                text = (
+                    f"task {task} is lost: it was not on the disk, or left out, when central was "
+                    "restarted; send it again"
+                )
                 raise RequestError(Refusal.UNKNOWN, text)
 
 
 def _named(value: Any) -> Iterator[int]:
-    """The tasks that a field names."""
+    """Yield the tasks that a field names."""
     if isinstance(value, int):
         yield value
     elif isinstance(value, Point):
@@ -55,7 +54,10 @@ def _task(connection: Connection, task: TaskId) -> TaskId:
         return task
     known = connection.tasks.get(-task)
     if known is None:
-        text = f"there is no task of request {-task}: that was refused, or 128 others have been sent since"
+        text = (
+            f"there is no task of request {-task}: it was refused, "
+            "or 128 others have been sent since"
+        )
         raise RequestError(Refusal.UNKNOWN, text)
     return known
 
@@ -90,7 +92,7 @@ _RESOLVERS: dict[Any, Callable[[Connection, Any], Any]] = {
 def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]], ...]:
     fields = get_type_hints(header).items()
     found = tuple((name, _RESOLVERS[hint]) for name, hint in fields if hint in _RESOLVERS)
-    # A kill of what was never made has nothing to do: on_kill says so.
+    # ``on_kill`` itself handles a task that was never created: it has nothing to kill.
     return found if header is not headers.Kill else tuple(one for one in found if one[0] != "task")
 
 

@@ -1,4 +1,4 @@
-"""The permissions of those who are connected, when they join and when the rules change."""
+"""Permissions of connected modules, when the rules change."""
 
 from tca_central.events import PermissionsChanged
 from tca_central.model.deliveries import Module, Wiretap
@@ -13,8 +13,10 @@ from tca_wire.vocabulary import Permission
 
 
 def change_permissions(central: State, event: PermissionsChanged) -> None:
-    """New rules: they hold for those who are there, too. Handlers and wiretaps that they do not
-    allow go; who may not be here at all is cut off.
+    """Apply new rules, to connected modules too.
+
+    Handlers and wiretaps that the rules do not allow are removed. Modules that they do not admit
+    are disconnected.
     """
     central.registry.permissions.rules = event.rules
     central.facts.append(
@@ -32,11 +34,12 @@ def change_permissions(central: State, event: PermissionsChanged) -> None:
                     central, connection, "the permissions do not let it in any more", lost=True
                 )
         if rights is not None:
-            _take_away(central, module, rights)
+            _remove_forbidden(central, module, rights)
     direct_routes.review_licences(central)
 
 
-def _take_away(central: State, module: Module, rights: Rights) -> None:
+def _remove_forbidden(central: State, module: Module, rights: Rights) -> None:
+    """Remove a module's handlers and wiretaps that its rights do not allow."""
     handled = [
         one
         for one in module.handlers.values()

@@ -1,4 +1,4 @@
-"""Handlers return or fail: their tasks go on, and the sender is answered."""
+"""Handlers return or fail: their tasks advance, and the sender is answered."""
 
 from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import warn_of_losses
@@ -9,7 +9,7 @@ from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.tasks import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
-from tca_central.state import Collector, State, lose
+from tca_central.state import Collector, State, drop
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
@@ -20,23 +20,24 @@ from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
 from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 
 _LONGEST = 200
-"""Characters that are told of the text of each failure of a multi-query."""
+"""Characters of each failure's text in the answer to a multi-query."""
 
 _SMALL = 1000
-"""Bytes that a handler may always return, whatever is full."""
+"""Bytes of a result that are always accepted, even if memory is full."""
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
-    """The delivery that a handler answers; None if that is too late, and the handler has been
-    told.
+    """Return the delivery that a handler answers.
+
+    None if the answer is late; its handler has been informed.
     """
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None:
-        delivery = central.dispatcher.begun_ahead(connection, delivery_id)
+        delivery = central.dispatcher.begin_prefetched(connection, delivery_id)
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):
             central.facts.append(facts.Ignored(connection.module.name, late))
-            central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
+            central.notify(connection, headers.Refused(0, Refusal.TOO_LATE, late))
             return None
         if delivery_id <= connection.repeats_until and (
             delivery is None or delivery.slot is not connection
@@ -51,27 +52,28 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
-    """A handler returned."""
+    """A handler has returned."""
     _return(central, connection, header.delivery, body, header.took, header.refusals)
 
 
 def on_replies(
     central: State, connection: Connection, header: headers.Replies, body: bytes
 ) -> None:
-    """Handlers returned, one after the other. What is wrong with one reply is refused, and the
-    others are taken.
+    """Several handlers of a slot have returned.
+
+    A reply that is wrong is refused; the others are accepted.
     """
     sizes, now, at = sum(run.size for run in header.ended), central.clock.now, 0
     if sizes != len(body):
         raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
     for run in header.ended:
-        connection.begins = connection.then(now, run.ago + run.took)
+        connection.begins = connection.to_central_time(now, run.ago + run.took)
         mine, at = body[at : at + run.size], at + run.size
         try:
             _return(central, connection, run.delivery, mine or NIL, run.took, ago=run.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
-    connection.begins = connection.then(now, header.begun) if header.begun >= 0 else 0.0
+    connection.begins = connection.to_central_time(now, header.begun) if header.begun >= 0 else 0.0
 
 
 def _return(
@@ -83,6 +85,7 @@ def _return(
     refusals: int = 0,
     ago: float = 0.0,
 ) -> None:
+    """Complete a delivery whose handler has returned."""
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
         return
@@ -98,9 +101,9 @@ def _return(
             b"",
         )
         return
-    ended = max(delivery.since, connection.then(now, ago)) if ago else now
+    ended = max(delivery.since, connection.to_central_time(now, ago)) if ago else now
     central.facts.append(
-        facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0)
+        facts.Returned(delivery.handling_id, Outcome.DONE, body, ended if ended < now else 0.0)
     )
     central.dispatcher.complete(delivery, ended, took)
     fire_after(central, delivery, RETURNED | SUCCESS)
@@ -127,14 +130,16 @@ def _return(
 
 
 def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
-    """The reason why there is no room for what a task's handler has returned; "" if there is."""
+    """Return why there is no room for the result of a task; "" if there is."""
     return (
-        central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+        central.refuse_if_full(len(body))
+        if len(body) > _SMALL and isinstance(delivery, Task)
+        else ""
     )
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
-    """A handler failed."""
+    """A handler has failed, or reissues the failure that it was called for."""
     delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
@@ -146,7 +151,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         text = f"the data of failure '{header.failure}' are not taken: {why}\n{header.text}"
         header, body = headers.Fail(header.delivery, OVERLOAD, text, reissue=header.reissue), b""
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
-    central.facts.append(facts.Returned(delivery.given_as, outcome, body))
+    central.facts.append(facts.Returned(delivery.handling_id, outcome, body))
     central.dispatcher.complete(delivery, central.clock.now)
     fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_claims_of(central, delivery, "its handler failed")
@@ -158,10 +163,11 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
 
 
 def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
-    """A body is longer than any may be: a handler that has answered with it fails, else it is
-    refused.
-    """
-    text = f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: send a reference to the data instead"
+    """Refuse a body that is too long. A handler that has answered with it fails."""
+    text = (
+        f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: "
+        "send a reference to the data instead"
+    )
     if not isinstance(header, headers.Reply | headers.Fail):
         raise RequestError(Refusal.PROTOCOL, text)
     on_fail(
@@ -179,31 +185,30 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
         fail_task(central, delivery, failure)
     else:
         end_claims_of(central, delivery, "it failed")
-        central.note_failure(delivery, failure)
+        central.record_failure(delivery, failure)
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body, failure.kinds)
 
 
-def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
-    """A delivery that waited gave way to a newer one of its message: whoever waits for it is
-    told.
-    """
+def report_displaced(central: State, delivery: Delivery, why: str) -> None:
+    """Report that a waiting delivery gave way to a newer one of its message."""
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
         fail_delivery(central, delivery, RaisedFailure(OVERLOAD, why))
     else:
-        lose(central, delivery, why, Dropping.DISPLACED)
+        drop(central, delivery, why, Dropping.DISPLACED)
 
 
 def _answer_query(
     central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()
 ) -> None:
+    """Pass an answer on to the sender of a query, its monitor, or its multi-query."""
     if delivery.number:
         sender = delivery.sender
         if sender is not None and sender.outstanding.pop(delivery.number, None) is not None:
             central.facts.append(facts.Answered(delivery.id))
-            central.send(sender, delivery.number, answer, body)
+            central.answer(sender, delivery.number, answer, body)
     elif (watch := central.watch_of_condition.pop(delivery.id, None)) is not None:
         on_condition_answered(central, watch, answer, body, kinds)
     elif (collector := central.collectors.pop(delivery.id, None)) is not None:
@@ -213,6 +218,7 @@ def _answer_query(
 def _collect(
     central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes
 ) -> None:
+    """Add a reply or failure to a multi-query."""
     del collector.pending[delivery.id]
     module = collector.module_of.pop(delivery.id)
     central.budget.collected -= collector.size
@@ -220,12 +226,12 @@ def _collect(
         collector.wanted -= 1
         collector.answered += 1
         collector.end = Answer(collector.number), b""
-        central.tell(collector.connection, Answer(collector.number, more=True), body)
+        central.notify(collector.connection, Answer(collector.number, more=True), body)
     else:
         text = answer.text.partition("\n")[0][:_LONGEST]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
-        if collector.end is None:  # until somebody replies it ends with the first failure
-            kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
+        if collector.end is None:  # it ends with the first failure, unless a reply comes
+            kept = body if len(body) <= _SMALL or not central.refuse_if_full(len(body)) else b""
             collector.end = (
                 Answer(collector.number, answer.outcome, answer.failure, answer.text),
                 kept,
@@ -235,7 +241,7 @@ def _collect(
 
 
 def end_if_complete(central: State, collector: Collector) -> None:
-    """Answer a multi-query if no more replies are wanted, or to come."""
+    """Answer a multi-query if no more replies are wanted or possible."""
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
@@ -243,13 +249,11 @@ def end_if_complete(central: State, collector: Collector) -> None:
         answer, body = Answer(collector.number), b""
         if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
             answer, body = end_of_multi_query(central, collector, collector.number)
-        central.send(collector.connection, collector.number, answer, body)
+        central.answer(collector.connection, collector.number, answer, body)
 
 
 def end_collector(central: State, collector: Collector) -> None:
-    """Nothing more is collected: handlers that still have a copy answer it, and their answers are
-    thrown away.
-    """
+    """End a multi-query. Later answers to its copies are ignored."""
     central.budget.collected -= collector.size
     for copy in collector.pending:
         del central.collectors[copy]

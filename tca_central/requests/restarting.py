@@ -1,9 +1,8 @@
-"""Central was away and is back, with all that it knew: its connections are awaited, and no task
-starts before all are back or lost, or somebody says so.
+"""Central was restarted with its whole state: its connections are awaited.
 
-A connection that says hello again goes on as after any break. One that does not in time is lost
-(joining.py); whether its handlers did what they had to is not known then, so that their tasks fail
-as uncertain.
+No task starts before all are back or lost, or an operator resumes tasks. A connection that says
+hello continues as after any break. One that does not say hello in time is lost (joining.py).
+Central does not know then whether its handlers did their work, so their tasks fail as uncertain.
 """
 
 from tca_central.events import AWAY, ConnectionId, Restarted
@@ -16,7 +15,7 @@ from tca_wire.vocabulary import Due
 
 
 def on_restarted(central: State, event: Restarted) -> None:
-    """Every connection has broken, and may come back."""
+    """Mark every connection as broken, and hold tasks until they are back."""
     registry = central.registry
     if event.skipped:
         first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped
@@ -28,7 +27,7 @@ def on_restarted(central: State, event: Restarted) -> None:
         connection.pulse = b""
         registry.connections[connection.id] = connection
     central.hold.awaited = dict.fromkeys(known)
-    central.hold.until_told = event.hold
+    central.hold.until_resumed = event.hold
     central.dispatcher.is_holding = True
     central.clock.cancel(central.hold.grace)
     central.hold.grace = central.clock.after(
@@ -37,20 +36,24 @@ def on_restarted(central: State, event: Restarted) -> None:
     central.facts.append(
         facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside)
     )
-    go_on_if_complete(central)
+    release_if_complete(central)
 
 
-def go_on_if_complete(central: State) -> None:
-    """Let tasks start again when nobody is awaited any more, and nobody is to be asked."""
-    if central.dispatcher.is_holding and not central.hold.awaited and not central.hold.until_told:
-        _go_on(central, "")
+def release_if_complete(central: State) -> None:
+    """Let tasks start again when no connection is awaited, and no operator must resume them."""
+    if (
+        central.dispatcher.is_holding
+        and not central.hold.awaited
+        and not central.hold.until_resumed
+    ):
+        _release_tasks(central, "")
 
 
 def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: bytes) -> None:
-    """Somebody says that tasks may start again, whoever is not back yet."""
+    """Let tasks start again, as an operator requests, although connections are missing."""
     if central.dispatcher.is_holding:
-        central.hold.until_told = False
-        _go_on(central, connection.module.name)
+        central.hold.until_resumed = False
+        _release_tasks(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:
         central.ignore(
@@ -58,9 +61,10 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
         )
 
 
-def _go_on(central: State, by: str) -> None:
+def _release_tasks(central: State, by: str) -> None:
+    """Let tasks start again."""
     if not central.hold.awaited:
         central.clock.cancel(central.hold.grace)
         central.hold.grace = None
-    central.dispatcher.go_on(central.registry.modules.values())
+    central.dispatcher.release_tasks(central.registry.modules.values())
     central.facts.append(facts.WentOn(by))

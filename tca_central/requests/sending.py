@@ -1,25 +1,32 @@
-"""Messages are sent: checked, recorded, and routed by their class; and constraints are added
-between tasks. A function that raises RequestError has changed nothing.
+"""Messages are sent, and constraints are added between tasks.
+
+A message is checked, recorded, and routed by its class. A function that raises RequestError has
+changed nothing.
 """
 
 from tca_central.control.keeping import check_room, keep
-from tca_central.control.steering import check_farewell, keep_for_termination, set_deadline
+from tca_central.control.steering import (
+    check_termination_message,
+    set_deadline,
+    store_termination_message,
+)
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.contexts import RaisedFailure
-from tca_central.model.deliveries import Connection, Delivery, MessageType, Refusals
+from tca_central.model.deliveries import Connection, Delivery, MessageType
 from tca_central.model.tasks import Task
+from tca_central.model.values import Refusals
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import (
     at_birth,
     copies,
+    reason_to_drop,
     route_statement,
     suspend,
-    why_nobody_has_room,
 )
-from tca_central.outgoing.direct_routes import tell_sender
+from tca_central.outgoing.direct_routes import offer_route
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, State
 from tca_central.watching.taps import fire_after
@@ -35,29 +42,29 @@ from tca_wire.rules import SENT
 from tca_wire.vocabulary import MessageClass, Refusal
 
 MOST_CONSTRAINTS = 1000
-"""In one request: so long must everybody else wait for it."""
+"""Constraints in one request. More would make all other modules wait too long."""
 
 
 def on_send(central: State, connection: Connection, header: Send, body: bytes) -> None:
-    """A message to be routed by its class."""
+    """Check a message that a module sends, and route it by its class."""
     message = central.registry.messages.get(header.message)
     if message is None:
-        text = f"nobody has declared message '{header.message}': register it before it is sent"
+        text = f"no module has declared message '{header.message}': register it before you send it"
         raise RequestError(Refusal.UNKNOWN, text)
     _check_message(central, header, message)
     if header.when_killed:
-        check_farewell(message, header.parent)
+        check_termination_message(message, header.parent)
     if header.if_handled and not message.serving:
         if header.number:
             central.accept(connection, header.number)
         return
     if message.route:
-        tell_sender(central, connection, message)
+        offer_route(central, connection, message)
     ROUTES[message.message_class](central, connection, header, message, body)
 
 
 def _check_message(central: State, header: Send, message: MessageType) -> None:
-    """Raises RequestError if messages of this type can't be sent, or not now."""
+    """Raise RequestError if messages of this type cannot be sent, or not now."""
     if message.message_class.keeps_value:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
     if message.is_notice:
@@ -66,13 +73,17 @@ def _check_message(central: State, header: Send, message: MessageType) -> None:
         raise RequestError(Refusal.PROTOCOL, f"{message.title} needs a request number")
     central.check_tap_depth(message)
     if central.is_disk_low and message.message_class.is_task:
-        text = f"the disk of central's journal is nearly full: no {message.message_class} is taken before there is room"
+        text = (
+            f"the disk of central's journal is nearly full: no {message.message_class} is accepted "
+            "before it has room"
+        )
         raise RequestError(Refusal.OVERLOAD, text)
 
 
 def _received(
     connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]
 ) -> facts.Received:
+    """Return the fact that a message was received."""
     message = made.message
     parent = header.parent if message.message_class.is_task else ROOT
     sender, origin = connection.module.name, header.origin
@@ -92,6 +103,7 @@ def _received(
 def _make(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> Delivery:
+    """Create and record a message that is not a task."""
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.priority, delivery.origin, delivery.tap_depth = (
         header.priority,
@@ -106,7 +118,8 @@ def _make(
 def _route_statement(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
-    if header.number and (why := why_nobody_has_room(central, message, body)):
+    """Route an inform or a broadcast."""
+    if header.number and (why := reason_to_drop(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
@@ -117,6 +130,7 @@ def _route_statement(
 def _route_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
+    """Route a query; its sender gets the reply as the answer to its request."""
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     central.check_room(len(body))
@@ -131,6 +145,7 @@ def _route_query(
 def _route_multi_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
+    """Send a copy of the query to every handler, and collect the replies."""
     central.check_room(len(body) * len(message.handlers))
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
@@ -155,6 +170,7 @@ def _route_multi_query(
 def _route_task(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
+    """Add a goal, command or monitor to the tree."""
     has_extras = (
         header.constraints
         or header.attachments
@@ -171,7 +187,7 @@ def _route_task(
     central.check_task_depth(message, parent)
     central.check_room(len(body) + EDGE_BYTES * len(header.constraints))
     if header.when_killed:
-        keep_for_termination(central, parent, message, body)
+        store_termination_message(central, parent, message, body)
         central.accept(connection, header.number)
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
@@ -183,10 +199,12 @@ def _route_task(
     is_monitor = message.message_class.is_monitor
     if is_monitor:
         _make_monitor(central, task, parent, header)
+    # The task's own fact precedes those that ``add`` records, but contains the constraints that
+    # ``add`` returns: it is inserted afterwards.
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
-    central.tell_birth(task)
+    central.report_new_task(task)
     if is_monitor:
         enlist_monitor(central, task)
     if has_extras:
@@ -198,19 +216,20 @@ def _route_task(
         central.accept_task(connection, header.number, task.id, quiet=header.quiet)
 
 
-def note_refusal(central: State, header: Send, text: str) -> None:
-    """A quiet task is refused: the handler that has sent it fails, unless it says in the end that
-    it knows.
+def record_refusal(central: State, header: Send, text: str) -> None:
+    """Record the refusal of an unconfirmed task.
+
+    The handler that sent the task fails at its end, unless its reply says that it knows.
     """
     delivery = central.dispatcher.running[central.origin]
-    before = delivery.refused.number if delivery.refused.delivery == delivery.given_as else 0
+    before = delivery.refused.number if delivery.refused.delivery == delivery.handling_id else 0
     delivery.refused = Refusals(
-        delivery.given_as, before + 1, f"'{header.message}' was refused: {text}"
+        delivery.handling_id, before + 1, f"'{header.message}' was refused: {text}"
     )
 
 
 def _check_extras(central: State, header: Send) -> None:
-    """Raises RequestError if what a task is sent with is too much, or can't be."""
+    """Raise RequestError if constraints, attachments or the deadline of a task are not possible."""
     _check_number(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
@@ -221,7 +240,7 @@ def _check_extras(central: State, header: Send) -> None:
 
 
 def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:
-    """Do with a new task what it was sent with."""
+    """Apply to a new task what it was sent with."""
     if header.suspended and not task.killed:
         suspend(central, task, by=connection.module.name, at_birth=True)
     for attachment in header.attachments:
@@ -231,22 +250,22 @@ def _add_extras(central: State, connection: Connection, task: Task, header: Send
 
 
 def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> None:
-    """A new task is a monitor."""
+    """Give a new task that is a monitor its watch."""
     options = header.watch or WatchOptions()
     check_options(central, task.message, options)
     _check_end(task.message, parent, options)
-    become_monitor(central, task, options, is_guest=is_foreign(central, parent, header.origin))
+    become_monitor(
+        central, task, options, is_foreign_monitor=is_foreign(central, parent, header.origin)
+    )
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
-    """Raises RequestError if a monitor is to watch until the end of what waits for the monitor's
-    own end.
-    """
+    """Raise RequestError if a monitor would watch until the end of a task that waits for it."""
     until = options.until
     if (
         until is None
         or until.moment is not Moment.END_ACHIEVING
-        or not (options.waited_for or not message.is_aside)
+        or not (options.waited_for or not message.is_outside_sequence)
     ):
         return
     above = parent.above(until.task)
@@ -263,7 +282,11 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
 def _route_exception(
     _: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes
 ) -> None:
-    text = f"exception handler '{message.name}' is not sent: attach it to a task, and raise the failure there"
+    """Refuse to send an exception handler."""
+    text = (
+        f"exception handler '{message.name}' is not sent: attach it to a task, "
+        "and raise the failure there"
+    )
     raise RequestError(Refusal.PROTOCOL, text)
 
 
@@ -283,16 +306,19 @@ ROUTES = {
 
 
 def _check_number(constraints: list[Constraint]) -> None:
-    """Raises RequestError if there are too many for one request."""
+    """Raise RequestError if there are too many constraints for one request."""
     if len(constraints) > MOST_CONSTRAINTS:
-        text = f"{len(constraints)} constraints in one request: {MOST_CONSTRAINTS} are allowed, send several requests"
+        text = (
+            f"{len(constraints)} constraints in one request: {MOST_CONSTRAINTS} are allowed, "
+            "send several requests"
+        )
         raise RequestError(Refusal.OVERLOAD, text)
 
 
 def on_constrain(
     central: State, connection: Connection, header: headers.Constrain, _: bytes
 ) -> None:
-    """A module adds constraints between tasks that exist."""
+    """Add constraints between existing tasks."""
     _check_number(header.constraints)
     central.check_room(EDGE_BYTES * len(header.constraints))
     central.check_declared(TIMER_BYTES * sum(one.delay > 0 for one in header.constraints))

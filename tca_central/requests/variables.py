@@ -1,9 +1,8 @@
-"""Shared variables as modules see them: set, got, exchanged, watched (TCA 7.7: SetVar, GetVar,
-GetSetVar, WatchVar).
+"""Variables: set, read, exchanged, watched (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
 
-A variable is a message of its own class, and those who handle it watch it: each gets every new
-value, of those that wait for it only the newest. There is no unhandled variable: the value is kept
-for whoever comes.
+A variable is a message of its own class, and its handlers watch it. Each gets every new value;
+among those that wait for a handler, only the newest. A variable without handlers keeps its value
+for later ones.
 """
 
 from tca_central.errors import RequestError
@@ -19,14 +18,15 @@ from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
 NEVER_SET = b""
-"""The body that says that a variable has no value; no value is empty."""
+"""The body that means that a variable has no value; values are never empty."""
 
 
 def _variable(central: State, name: str) -> MessageType:
+    """Return the variable of that name. Raise RequestError if it is not one."""
     message = central.registry.messages.get(name)
     if message is None:
         raise RequestError(
-            Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first"
+            Refusal.UNKNOWN, f"no module has declared variable '{name}': register it first"
         )
     if not message.message_class.keeps_value:
         raise RequestError(
@@ -43,10 +43,11 @@ def _value(central: State, message: MessageType) -> bytes:
 def on_get_variable(
     central: State, connection: Connection, header: headers.GetVariable, _: bytes
 ) -> None:
-    """A module asks for the value. The answer is not kept: a repeated question gets the newest
-    value.
+    """Answer with a variable's value.
+
+    The answer is not stored: a repeated request gets the newest value.
     """
-    central.tell(
+    central.notify(
         connection, Answer(header.number), _value(central, _variable(central, header.variable))
     )
 
@@ -54,7 +55,7 @@ def on_get_variable(
 def on_set_variable(
     central: State, connection: Connection, header: headers.SetVariable, body: bytes
 ) -> None:
-    """A module sets a variable, and is told the value before if it exchanges."""
+    """Set a variable. An exchange is answered with the value before."""
     message = _variable(central, header.variable)
     if header.swap and not header.number:
         raise RequestError(
@@ -68,25 +69,26 @@ def on_set_variable(
     central.variables.check_room(message.name, body, central.budget.variables)
     central.check_room(len(body) * len(message.handlers))
     before = _value(central, message)
-    made = Delivery(central.new_id(), message, body, connection)
-    made.origin, made.tap_depth = header.origin, central.tap_depth
+    delivery = Delivery(central.new_id(), message, body, connection)
+    delivery.origin, delivery.tap_depth = header.origin, central.tap_depth
     sender, kind = connection.module.name, message.message_class
     central.facts.append(
-        facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, [])
+        facts.Received(
+            delivery.id, message.name, kind, sender, ROOT, header.origin, False, body, []
+        )
     )
-    central.variables.put(message.name, Value(body, message.format.data, sender, made.id))
-    for (
-        handler
-    ) in message.handlers:  # also one without slots: it gets the newest value when they come
-        central.dispatcher.route(copy_of(central, made), handler.resource)
+    central.variables.set(message.name, Value(body, message.format.data, sender, delivery.id))
+    # A handler without slots is included: it gets the newest value when it has one.
+    for handler in message.handlers:
+        central.dispatcher.route(copy_of(central, delivery), handler.resource)
     if header.swap:
-        central.send(connection, header.number, Answer(header.number), before)
+        central.answer(connection, header.number, Answer(header.number), before)
     elif header.number:
-        central.accept(connection, header.number, made.id)
+        central.accept(connection, header.number, delivery.id)
 
 
-def tell_new_watcher(central: State, handler: Handler) -> None:
-    """Send a new watcher of a variable its value."""
+def send_value_to_watcher(central: State, handler: Handler) -> None:
+    """Send a variable's value to a new watcher."""
     message = handler.message
     if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):
         copy = Delivery(central.new_id(), message, value.body, None)
@@ -95,11 +97,9 @@ def tell_new_watcher(central: State, handler: Handler) -> None:
 
 
 def forget_unfit_value(central: State, message: MessageType) -> None:
-    """A variable was declared anew, all who knew it being gone: a value of another format is no
-    value of it.
-    """
+    """Forget the value of a variable that was declared again with another format."""
     value = central.variables.values.get(message.name)
     if value is not None and first_difference(value.format, message.format.data):
         central.variables.forget(message.name)
-        why = "its variable was declared anew with another format"
+        why = "its variable was declared again with another format"
         central.facts.append(facts.Dropped(value.message_id, message.name, why))

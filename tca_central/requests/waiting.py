@@ -1,7 +1,7 @@
-"""Modules wait for a moment of a task or for an answer; and waits that end without one."""
+"""Modules wait for a moment of a task or for an answer, and give up waiting."""
 
-from tca_central.life_cycles.observing import begin_observers_wait
-from tca_central.locks.claims import give_up_claim
+from tca_central.life_cycles.observing import start_observers_wait
+from tca_central.locks.claims import release_claim
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.intervals import checked_moment
@@ -17,14 +17,14 @@ from tca_wire.packets import headers
 from tca_wire.vocabulary import Dropping
 
 Awaited = Delivery | Collector | TaskWait | Observation
-"""What the answer to a request may depend on."""
+"""The objects on which the answer to a request may depend."""
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
 def on_await_point(
     central: State, connection: Connection, header: headers.AwaitPoint, _: bytes
 ) -> None:
-    """A module waits for a moment of a task."""
+    """Wait for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
     known = (
@@ -47,16 +47,17 @@ def on_await_point(
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """A sender now waits for answers, or no longer. If one is on its way it goes on by itself. A
-    query is no suspect:
-    its own resource may answer within the wait.
+    """A sender waits for answers, or waits no longer.
+
+    If an answer is on its way, nothing is recorded: the sender continues when it arrives. A query
+    is no suspect of a deadlock, because its own resource may answer it within the wait.
     """
     numbers = (header.request, *header.others)
     found = (connection.outstanding.get(number) for number in numbers)
     awaited = [one for one in found if isinstance(one, Awaited)]
     observed = [one for one in awaited if isinstance(one, Observation)]
-    if connection.untold and not observed:
-        central.tell_tasks(connection)
+    if connection.unconfirmed and not observed:
+        central.confirm_tasks(connection)
     if header.seen < 0:
         for one in observed:
             central.end_observers_wait(one)
@@ -67,11 +68,12 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 def _begin_waits(
     central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]
 ) -> None:
+    """Record the waits for these answers."""
     for due in awaited:
         if isinstance(due, Delivery | Collector):
             central.facts.append(facts.Awaited(due.id))
         elif isinstance(due, Observation):
-            begin_observers_wait(central, due)
+            start_observers_wait(central, due)
     if header.blocking and connection.waits.keys().isdisjoint((header.request, *header.others)):
         brief = header.brief or isinstance(awaited[0], Delivery | Collector)
         central.block(
@@ -82,8 +84,9 @@ def _begin_waits(
 def on_await_any(
     central: State, connection: Connection, header: headers.AwaitAny, _: bytes
 ) -> None:
-    """The coroutine of a handler can't go on until one of these is answered. Where one has been, it
-    does already.
+    """The coroutine of a handler waits for one of several answers.
+
+    If one was given, it does not wait.
     """
     central.unblock_coroutine(connection, header.delivery)
     numbers, delivery = (
@@ -103,16 +106,16 @@ def _is_awaited(connection: Connection, number: int) -> bool:
     return is_awaited and number not in connection.waits
 
 
-# --- giving up ------------------------------------------------------------------------------------
+# --- give up --------------------------------------------------------------------------------------
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
-    """The sender no longer waits for an answer."""
+    """The sender waits for an answer no longer."""
     connection.lost_claims.pop(header.request, None)
     answer, body = end_of_wait(central, connection, header.request, header.number)
     give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
     if header.number:
-        central.send(connection, header.number, answer, body)
+        central.answer(connection, header.number, answer, body)
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
@@ -131,8 +134,9 @@ def give_up(
     dropping: Dropping = Dropping.GIVEN_UP,
     where: str = "",
 ) -> None:
-    """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for
-    the journal.
+    """Forget that an answer is due. A query that no handler has yet is dropped.
+
+    *where* says in the journal where the query was.
     """
     why = _GIVEN_UP[dropping]
     due = connection.outstanding.pop(number, None)
@@ -146,7 +150,7 @@ def give_up(
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
     elif due is None or isinstance(due, Claim):
-        give_up_claim(central, connection, number, why)
+        release_claim(central, connection, number, why)
     elif isinstance(due, Collector):
         end_collector(central, due)
         for delivery in due.pending.values():
@@ -160,9 +164,10 @@ def give_up(
 
 
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:
+    """Drop a query, or expect its handler to return soon."""
     if delivery.queues is None:
         central.facts.extend(dropped)
         if delivery.slot is not None:
-            central.doubt(delivery.slot, delivery)
+            central.expect_return(delivery.slot, delivery)
     else:
         central.dispatcher.withdraw(delivery, dropped=dropped)

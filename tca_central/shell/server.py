@@ -22,6 +22,7 @@ from tca_central.events import (
     AWAY,
     Arrived,
     BadBytes,
+    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
     DiskSpace,
@@ -31,7 +32,6 @@ from tca_central.events import (
     LimitsSet,
     RequestReceived,
     Spared,
-    TellAll,
     Tick,
     Transmit,
 )
@@ -415,8 +415,8 @@ class Daemon:
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes.connections() if one not in known]:
             self._outboxes.forget(stranger, is_closed=not self._send_heartbeat(stranger))
-        if self.central.untold:
-            self.handle_input(TellAll(now))
+        if self.central.unconfirmed:
+            self.handle_input(ConfirmTasks(now))
         for connection, why in self._too_slow.items():
             self.handle_input(ConnectionLost(now, connection, why))
             self._ask_identity(connection)
@@ -483,7 +483,7 @@ class Daemon:
     def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
-        self._outboxes.add(connection, codec.pack_apart(header, body))
+        self._outboxes.add(connection, codec.pack_in_pieces(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
         """Send a packet. Return False if the connection accepts no more now.
@@ -525,7 +525,7 @@ class Daemon:
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
         self._lines.losses.write_due()
-        self._perform(self.central.handle(TellAll(self.now())))
+        self._perform(self.central.handle(ConfirmTasks(self.now())))
         for connection in self.central.registry.connections:
             self._enqueue(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported

@@ -102,7 +102,7 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
         "resource": resource.name,
         "capacity": resource.capacity,
         "handling": [_handled(one, now) for one, _ in inside],
-        "blocked": sum(bool(slot.waits or slot.pauses) for slot in resource.slots),
+        "blocked": sum(bool(slot.waits or slot.brief_waits) for slot in resource.slots),
         "waiting": resource.waiting,
         "oldest": now - first.since if first else 0.0,
         "delivered": resource.delivered,
@@ -133,7 +133,7 @@ def _waits(central: State) -> Iterator[_Since]:
         for first in islice(message.waiting.values(), 1):
             yield first.since, _queued(central, first, Turn(first), len(message.waiting) - 1)
     for connection in central.registry.connections.values():
-        for number, wait in (*connection.waits.items(), *connection.pauses.items()):
+        for number, wait in (*connection.waits.items(), *connection.brief_waits.items()):
             yield (
                 wait.at,
                 _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at),
@@ -144,8 +144,8 @@ def _waits(central: State) -> Iterator[_Since]:
 def _claims(central: State) -> Iterator[_Since]:
     """Claims for which no handler or client blocks."""
     for (connection, number), claim in central.claims.items():
-        if not (claim.is_granted or number in connection.waits or number in connection.pauses):
-            origin = claim.holder.given_as if claim.holder is not None else 0
+        if not (claim.is_granted or number in connection.waits or number in connection.brief_waits):
+            origin = claim.holder.handling_id if claim.holder is not None else 0
             yield claim.since, _blocking(central, connection, origin, Granting(claim), claim.since)
 
 
@@ -186,7 +186,7 @@ def _is_held(task: Task) -> bool:
     if task.suspended and parent is not None:
         # else it is among the suspended ones itself
         return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
-    if task.message.is_aside and task.reached & START_HANDLING and not task.returned:
+    if task.message.is_outside_sequence and task.reached & START_HANDLING and not task.returned:
         return not task.is_watcher and parent is not None and parent.id != ROOT
     return has_held_start(task) or (task.returned and bool(task.held))
 
@@ -238,7 +238,7 @@ def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
     asked = [
         number
         for number, due in slot.outstanding.items()
-        if getattr(due, "origin", task.given_as) == task.given_as
+        if getattr(due, "origin", task.handling_id) == task.handling_id
     ]
     if not because and asked:
         because = tuple(waits_of(central, Waiting(slot, asked[-1])))

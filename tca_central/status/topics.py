@@ -9,7 +9,7 @@ import msgspec
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Handler, Holder, MessageType, ModuleResource
 from tca_central.model.registry import Value
-from tca_central.model.tasks import KeptTask, Task, place_of
+from tca_central.model.tasks import Task, TaskRecord, place_of
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
@@ -29,7 +29,7 @@ def overview(central: State) -> dict[str, Any]:
     if central.dispatcher.is_holding:
         held = {
             "awaited": sorted({one.module.name for one in central.hold.awaited}),
-            "to be told": central.hold.until_told,
+            "to be told": central.hold.until_resumed,
         }
     return held | {
         "epoch": central.epoch,
@@ -123,7 +123,7 @@ def tree(central: State) -> list[dict[str, Any]]:
     return [describe(task) for task in everything]
 
 
-def describe(task: Task | KeptTask) -> dict[str, Any]:
+def describe(task: Task | TaskRecord) -> dict[str, Any]:
     """A task in plain values."""
     return {
         "task": int(task.id),
@@ -131,7 +131,7 @@ def describe(task: Task | KeptTask) -> dict[str, Any]:
         "message": task.message.name,
         "class": str(task.message.message_class),
         "role": str(task.role),
-        **(_ended(task) if isinstance(task, KeptTask) else _living(task)),
+        **(_ended(task) if isinstance(task, TaskRecord) else _living(task)),
     }
 
 
@@ -150,7 +150,7 @@ def _living(task: Task) -> dict[str, Any]:
     }
 
 
-def _ended(task: KeptTask) -> dict[str, Any]:
+def _ended(task: TaskRecord) -> dict[str, Any]:
     outcome, failure, text, _ = task.outcome
     return {
         "reached": describe_moments(ALL_MOMENTS),
@@ -164,7 +164,7 @@ def _ended(task: KeptTask) -> dict[str, Any]:
 
 
 def relatives(
-    central: State, task: Task | KeptTask | None, relation: str, message: str
+    central: State, task: Task | TaskRecord | None, relation: str, message: str
 ) -> list[dict[str, Any]]:
     """The relatives of a task with their data, nearest or oldest first.
 
@@ -173,7 +173,7 @@ def relatives(
     if task is None:
         return []
     living = task if isinstance(task, Task) else None
-    related: dict[str, Iterable[Task | KeptTask | None]] = {
+    related: dict[str, Iterable[Task | TaskRecord | None]] = {
         "self": (task,),
         "parent": (task.parent,),
         "children": (living.children or {}).values() if living else (),
@@ -190,7 +190,7 @@ def relatives(
         {
             **describe(one),
             "data": one.body,
-            "result": one.outcome[3] if isinstance(one, KeptTask) else b"",
+            "result": one.outcome[3] if isinstance(one, TaskRecord) else b"",
         }
         for one in itertools.islice(wanted, SHOWN_TASKS)
     ]
@@ -344,4 +344,4 @@ def _answer(central: State, connection: Connection, number: int, value: Any, wha
     body = msgspec.msgpack.encode(value)
     if len(body) > Limit.BODY:
         raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")
-    central.send(connection, number, Answer(number), body)
+    central.answer(connection, number, Answer(number), body)

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from tca_central.errors import RequestError
 from tca_central.model.budget import ATTACHED_BYTES
-from tca_central.model.contexts import Listening, heard_by
+from tca_central.model.contexts import Listening, listener_cause
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import first_moments, taps_of, to_be_fired
@@ -220,7 +220,7 @@ def _ended(central: State, header: headers.Tap) -> Task | None:
         return None
     task = Task(header.task, message, record.body if record is not None else b"", None)
     task.reached, task.returned = ALL_MOMENTS, True
-    task.killed = "" if outcome[0].lets_go_on else str(outcome[0])
+    task.killed = "" if outcome[0].lets_successors_continue else str(outcome[0])
     return task
 
 
@@ -256,7 +256,7 @@ def _check_monitor(
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     rule = CONDITIONS[header.condition]
-    ends_with_it = tapped.message_class.is_task and rule.finds_it_alive and not rule.is_child
+    ends_with_it = tapped.message_class.is_task and rule.target_is_alive and not rule.is_child
     if not (ends_with_it or ends_by_itself(listener, options) or options.waited_for):
         text = f"{listener.title} that listens '{header.condition}' would never end"
         hint = (
@@ -292,7 +292,7 @@ def _add(
     if tap.at & DELIVERED:
         # A prefetched message would start before central could send the listener.
         for handler in tapped.handlers:
-            central.dispatcher.messages_ahead.recall(handler.resource)
+            central.dispatcher.prefetcher.recall(handler.resource)
     task = place.id if isinstance(place, Task) else ROOT
     central.facts.append(
         facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name)
@@ -337,7 +337,7 @@ def _apply_to_waiting(central: State, tap: Wiretap) -> None:
             fire_before(central, task, [tap])
 
 
-def listeners_come(central: State, names: Iterable[str]) -> None:
+def on_listeners_added(central: State, names: Iterable[str]) -> None:
     """Apply taps whose listeners get their first handler now to tasks that wait."""
     added = [central.registry.messages[name] for name in names]
     new = {message for message in added if not message.handlers}
@@ -428,7 +428,7 @@ def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> 
             facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))
         )
         return True
-    return message.message_class.is_task and central.keep_out(
+    return message.message_class.is_task and central.is_refused_for_lack_of_memory(
         f"listener '{message.name}' of {tapped}", body
     )
 
@@ -438,7 +438,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     message, rule = tap.listener, CONDITIONS[tap.condition]
     task = tapped if isinstance(tapped, Task) else None
     is_alive = tapped.id in central.tree.tasks
-    watches_it = message.is_aside and rule.finds_it_alive and not rule.is_child
+    watches_it = message.is_outside_sequence and rule.target_is_alive and not rule.is_child
     parent = (
         task
         if task is not None and is_alive and (rule.is_child or watches_it)
@@ -453,8 +453,10 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
 
     def prepare(listener: Task) -> None:
         if message.message_class.is_monitor:
-            is_guest = watches_it and parent is task and not recurs_on_retry(tap.condition)
-            become_monitor(central, listener, options, is_guest=is_guest)
+            is_foreign_monitor = (
+                watches_it and parent is task and not recurs_on_retry(tap.condition)
+            )
+            become_monitor(central, listener, options, is_foreign_monitor=is_foreign_monitor)
         listener.is_watcher = listener.is_watcher and not rule.is_child
 
     context = Listening(tap, tapped)
@@ -481,5 +483,5 @@ def _end_earlier_monitors(central: State, tap: Wiretap, tapped: Task) -> None:
         other for other in tapping.listeners if other.reached != ALL_MOMENTS
     ]
     for other in living:
-        if heard_by(other).tap is tap and other.watch is not None:
+        if listener_cause(other).tap is tap and other.watch is not None:
             end_monitor(central, other.watch, f"{tapped} is handled again")

@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import checked_seconds
-from tca_central.model.contexts import heard_by, monitor_of
+from tca_central.model.contexts import listener_cause, monitor_of
 from tca_central.model.deliveries import MessageType
 from tca_central.model.tasks import Task, Watch
 from tca_central.outgoing.central_messages import data_for, make
@@ -26,7 +26,7 @@ def on_end_point(central: State, watch: Watch, _: Task) -> None:
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
     """Raise RequestError if a monitor can't watch with these options."""
-    polls = message.message_class.has_condition and message.is_aside
+    polls = message.message_class.has_condition and message.is_outside_sequence
     what = message.title
     checked_seconds(options.duration, f"{what} with a duration")
     if polls:
@@ -47,14 +47,16 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
 def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
     """Whether a monitor has an end of its own. A point monitor tests only once."""
     is_bounded = options.maximum or options.duration or options.until is not None
-    return bool(is_bounded) or not message.is_aside
+    return bool(is_bounded) or not message.is_outside_sequence
 
 
-def become_monitor(central: State, task: Task, options: WatchOptions, *, is_guest: bool) -> None:
+def become_monitor(
+    central: State, task: Task, options: WatchOptions, *, is_foreign_monitor: bool
+) -> None:
     """Make a new task a monitor. ``check_options`` must have passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
-    task.watch = Watch(task, options, parts, is_guest=is_guest)
-    task.is_watcher = task.message.is_aside and not options.waited_for
+    task.watch = Watch(task, options, parts, is_foreign_monitor=is_foreign_monitor)
+    task.is_watcher = task.message.is_outside_sequence and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:
@@ -74,10 +76,10 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
     leads to an older delivery, so the search ends at one that is older than `parent`.
     """
     cause = central.dispatcher.running.get(origin)
-    is_own = origin == parent.given_as
+    is_own = origin == parent.handling_id
     while cause is not None and cause.id >= parent.id and not is_own:
         if cause.role is Role.LISTENER:
-            heard = heard_by(cause)
+            heard = listener_cause(cause)
             tapped, tap = central.tree.tasks.get(heard.tapped.task), central.taps.get(heard.tap.id)
             if tapped is parent:
                 return tap is None or not recurs_on_retry(tap.condition)
@@ -85,9 +87,11 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
         elif cause.role.is_of_monitor:
             cause = monitor_of(cause).task
         elif isinstance(cause, Task):
-            cause = None if cause.role is Role.EXCEPTION or cause.is_guest else cause.parent
+            cause = (
+                None if cause.role is Role.EXCEPTION or cause.is_foreign_monitor else cause.parent
+            )
         else:  # only older causes count, so that the search ends whatever origins modules claim
-            is_own = cause.origin == parent.given_as
+            is_own = cause.origin == parent.handling_id
             cause = (
                 central.dispatcher.running.get(cause.origin) if cause.origin < cause.id else None
             )

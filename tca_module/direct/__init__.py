@@ -1,1 +1,1 @@
-"""Messages that go to their handler without central."""
+"""Direct messages: informs and queries that go from module to module, without central."""

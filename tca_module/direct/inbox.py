@@ -1,9 +1,10 @@
 """A slot's entrance for direct messages.
 
-Senders greet with the licence that central gave them, and number their messages: none is handled
-twice, and an answer is kept for a while in case it is lost with a line. The slot takes a message
-when it handles nothing else. When this is full, the rest waits in the socket and with the senders.
-Bad bytes, unknown messages and strangers are refused.
+Senders greet with the licence that central gave them, and number their messages. No message is
+handled twice, and an answer is retained for a while in case it is lost with a line. The slot starts
+a direct message only when it handles nothing else. When the inbox is full, further messages wait in
+the socket and at their senders. Malformed packets, unknown messages and senders without a licence
+are refused.
 """
 
 import logging
@@ -21,32 +22,29 @@ from tca_wire.packets.licences import number_of
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
-MOST_WAITING, MOST_BYTES = (
-    2000,
-    128 << 20,
-)  # messages, and bytes of their data; more stay in the socket
+MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # waiting messages and bytes; more stay in the socket
 MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
-BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
-PACKETS = 256  # read at a time
+BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun before their sender gets a Begun
+PACKETS = 256  # packets read at a time
 _MOST_BARRED = 20_000
-_MOST_MISSING = 2000  # numbers; senders have fewer on their way
+_MOST_MISSING = 2000  # numbers; senders have fewer under way
 
 
 class InboxSocket(Protocol):
     """A socket on which packets of many senders arrive."""
 
     is_paused: bool
-    """Packets stay where they are."""
+    """While true, packets stay in the socket."""
 
     def receive(self) -> tuple[bytes, list[bytes]] | None:
-        """The sender and the frames of the next packet; None if there is none."""
+        """Return the sender and the frames of the next packet, or None."""
 
     def send(self, to: bytes, packet: bytes) -> bool:
-        """Whether it left."""
+        """Send a packet; return whether it left."""
 
     def close(self) -> None:
-        """Close; packets already sent still leave."""
+        """Close. Packets already sent still leave."""
 
 
 class _RemoteSender:
@@ -56,16 +54,16 @@ class _RemoteSender:
         self.address = address
         self.module = greet.module
         self.newest = greet.newest
-        self.missing: set[int] = set()  #: numbers that did not arrive, and may come again
-        self.open: dict[int, _Waiting] = {}  #: queries that were not answered
-        self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}  #: the newest, oldest first
-        self.begun = (
-            greet.newest
-        )  #: the highest number that was begun with, or of which nothing is known
-        self.untold = 0  #: informs begun with, of which it was not told
-        self.untold_bytes = 0
+        self.missing: set[int] = set()  #: numbers that have not arrived, and may be repeated
+        self.open: dict[int, _Waiting] = {}  #: number -> unanswered query
+        #: number -> answer; the newest ones, oldest first
+        self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}
+        #: the highest number that was begun, or is older than this connection
+        self.begun = greet.newest
+        self.unreported = 0  #: number of informs begun since the last Begun
+        self.unreported_bytes = 0
         self.is_behind = False  #: an answer could not be sent
-        self.licence = ""  #: its number
+        self.licence = ""  #: the number of its licence
 
     def remember(self, answer: Answer | Refused, body: bytes) -> None:
         self.answers[answer.number] = answer, body
@@ -103,30 +101,31 @@ class Inbox:
     ) -> None:
         self._socket = socket
         self._key = key
-        self._messages = messages  #: messages handled here -> whether it is a query
+        self._messages = messages  #: handled message -> whether it is a query
         self._notes = notes
         self._clock = clock
         self._log = log
-        self._barred: dict[str, None] = {}  #: licences that are not valid any more, oldest first
-        self._senders: dict[bytes, _RemoteSender] = {}  #: by address
-        self._sessions: dict[str, _RemoteSender] = {}  #: the one that greeted longest ago first
+        self._barred: dict[str, None] = {}  #: licences that are no longer valid, oldest first
+        self._senders: dict[bytes, _RemoteSender] = {}  #: address -> sender
+        #: session -> sender; the one that greeted longest ago first
+        self._sessions: dict[str, _RemoteSender] = {}
         self._waiting: deque[_Waiting] = deque()
         self._bytes = 0
         self._current: _Waiting | None = None  #: the message being handled
-        self._delivery = 0  #: its number: they count down, to be told from central's
+        self._delivery = 0  #: its number; they count down, unlike those of central's deliveries
 
     @property
     def is_busy(self) -> bool:
-        """Whether a message from here is handled."""
+        """Whether a message of this inbox is being handled."""
         return self._current is not None
 
     @property
     def has_message(self) -> bool:
-        """Whether one waits to be handled."""
+        """Whether a message waits to be handled."""
         return bool(self._waiting)
 
     def listen(self) -> None:
-        """Take in arrived packets."""
+        """Process arrived packets."""
         for _ in range(PACKETS):
             self._socket.is_paused = len(self._waiting) >= MOST_WAITING or self._bytes >= MOST_BYTES
             if self._socket.is_paused or (arrived := self._socket.receive()) is None:
@@ -137,7 +136,7 @@ class Inbox:
                     msg = f"{len(frames)} frames; a packet is one"
                     raise ProtocolError(msg)  # noqa: TRY301
                 for header, body in direct.unpack_to_entrance(frames[0]):
-                    self._take_in(address, header, body)
+                    self._process(address, header, body)
             except ProtocolError as error:
                 self._refuse(address, str(error))
 
@@ -147,7 +146,7 @@ class Inbox:
         self._log.warning("refused a direct message: %s", text)
         self._socket.send(address, pack_item(Refused(number, refusal, text)))
 
-    def _take_in(self, address: bytes, header: Any, body: bytes) -> None:
+    def _process(self, address: bytes, header: Any, body: bytes) -> None:
         if isinstance(header, Greet):
             self._on_greet(address, header)
         elif (sender := self._senders.get(address)) is None:
@@ -168,16 +167,16 @@ class Inbox:
         if not (
             is_name(header.session) and is_name(header.module) and 0 <= header.newest < 1 << 62
         ):
-            self._refuse(address, f"{header.session!r:.40} of {header.module!r:.40} is no sender")
+            text = f"{header.session!r:.40} of {header.module!r:.40} is not a sender"
+            self._refuse(address, text)
             return
         sender = self._sessions.pop(header.session, None)
         if sender is None:
             sender = _RemoteSender(address, header)
             if len(self._sessions) >= MOST_SENDERS:
                 session = next((name for name, one in self._sessions.items() if not one.open), None)
-                self._senders.pop(
-                    self._sessions.pop(session or next(iter(self._sessions))).address, None
-                )
+                displaced = self._sessions.pop(session or next(iter(self._sessions)))
+                self._senders.pop(displaced.address, None)
         self._sessions[header.session] = sender
         repeated = (
             [*sender.answers.values()] if sender.is_behind or sender.address != address else []
@@ -195,17 +194,18 @@ class Inbox:
         }
 
     def bar(self, licences: Iterable[str]) -> None:
-        """Take nothing more from those who have these licences. Who has a new one goes on where he
-        was.
+        """Refuse the senders with these licences.
+
+        A sender that gets a new licence continues where it was.
         """
         if not (barred := dict.fromkeys(licences)):
             return
         self._barred.update(barred)
         while len(self._barred) > _MOST_BARRED:
             del self._barred[next(iter(self._barred))]
-        for address in [
-            address for address, sender in self._senders.items() if sender.licence in self._barred
-        ]:
+        senders = self._senders.items()
+        addresses = [address for address, sender in senders if sender.licence in self._barred]
+        for address in addresses:
             del self._senders[address]
 
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
@@ -213,16 +213,14 @@ class Inbox:
         if number <= sender.newest and number not in sender.missing:
             if number in sender.answers:
                 self._socket.send(sender.address, pack([sender.answers[number]]))
-            return  # it came twice
+            return  # a duplicate
         sender.missing.discard(number)
         sender.newest = max(sender.newest, number)
         if message not in self._messages or len(body) > Limit.BODY:
-            text, refusal = f"nothing here takes '{message:.60}' directly", Refusal.UNKNOWN
+            text, refusal = f"no handler here accepts '{message:.60}' directly", Refusal.UNKNOWN
             if message in self._messages:
-                text, refusal = (
-                    f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed",
-                    Refusal.PROTOCOL,
-                )
+                text = f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed"
+                refusal = Refusal.PROTOCOL
             sender.remember(Refused(number, refusal, text), b"")
             self._refuse(sender.address, text, number, refusal)
             return
@@ -232,8 +230,8 @@ class Inbox:
         self._waiting.append(waiting)
         self._bytes += len(body)
 
-    def take(self) -> tuple[Deliver, bytes] | None:
-        """The next message, to be handled now; None if there is none."""
+    def next_message(self) -> tuple[Deliver, bytes] | None:
+        """Return the next message, to be handled now, or None."""
         while self._waiting:
             waiting = self._waiting.popleft()
             self._bytes -= len(waiting.body)
@@ -243,10 +241,10 @@ class Inbox:
                 sender.open.pop(number, None)
                 continue
             if not waiting.is_query:
-                sender.untold += 1
-                sender.untold_bytes += len(waiting.body)
-            if sender.untold >= BEGUN_EVERY or sender.untold_bytes >= BEGUN_BYTES:
-                sender.untold = sender.untold_bytes = 0
+                sender.unreported += 1
+                sender.unreported_bytes += len(waiting.body)
+            if sender.unreported >= BEGUN_EVERY or sender.unreported_bytes >= BEGUN_BYTES:
+                sender.unreported = sender.unreported_bytes = 0
                 self._socket.send(sender.address, pack_item(Begun(number)))
             self._current = waiting
             waiting.began = self._clock()
@@ -255,7 +253,7 @@ class Inbox:
         return None
 
     def reply(self, header: Reply | Fail, body: bytes) -> None:
-        """The handler has ended."""
+        """Send the outcome of the handler that has ended."""
         done, self._current = self._current, None
         if done is None:
             return
@@ -283,17 +281,18 @@ class Inbox:
             outcome,
             failure,
         )
-        self._notes.handled(note, now)
+        self._notes.add_handled(note, now)
 
     def close(self) -> None:
-        """Begin with nothing more. Senders send their queries to somebody else; informs are lost
-        and counted.
+        """Start nothing more, and close.
+
+        Senders send waiting queries to other handlers; waiting informs are lost and counted.
         """
         self.listen()
         while self._waiting:
             for waiting in self._waiting:
                 if not waiting.is_query:
-                    self._notes.lost(waiting.header.message, self._clock())
+                    self._notes.add_lost(waiting.header.message, self._clock())
             self._waiting.clear()
             self._bytes = 0
             self.listen()
@@ -304,5 +303,5 @@ class Inbox:
         self._socket.close()
 
     def drop(self) -> None:
-        """Close without a word: begun messages have failed."""
+        """Close without notice: begun messages have failed."""
         self._socket.close()

@@ -1,6 +1,4 @@
-"""The direct messages of one connection: those it sends and those its slot takes; none with a
-LocalCentral.
-"""
+"""The direct messages of one connection, sent and received. A LocalCentral has none."""
 
 import time
 from collections.abc import Iterable
@@ -17,39 +15,39 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, ToCentral
 from tca_wire.packets.routes import Barred, Noted
 
-RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
+RESTLESS = 0.2  # seconds between two checks of a path on which an answer or a greeting is due
 
 
 class DirectMessages:
-    """Sends and takes direct messages for one connection."""
+    """Sends and receives direct messages for one connection."""
 
     def __init__(
         self,
         session: Session,
         transport: DealerTransport | None = None,
-        door: EntranceSocket | None = None,
+        entrance_socket: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
     ) -> None:
-        """*messages* come straight from their senders through the *door*."""
+        """Create it. Senders may send *messages* straight to *entrance_socket*."""
         self._session = session
         self._notes = NoteBatch()
-        self.routes = DirectRoutes(session, transport, self._notes)  #: for what it sends
+        self.routes = DirectRoutes(session, transport, self._notes)  #: the sending side
         self._inbox: Inbox | None = None
-        self._transport, self._door = transport, door
-        if transport is not None and door is not None:
+        self._transport, self._entrance_socket = transport, entrance_socket
+        if transport is not None and entrance_socket is not None:
             queries = {message.name: message.message_class.has_reply for message in messages}
             self._inbox = Inbox(
-                door,
-                door.entrance.key,
+                entrance_socket,
+                entrance_socket.entrance.key,
                 queries,
                 self._notes,
                 time.monotonic,
                 log_of(session.module),
             )
-            transport.add(door)
+            transport.add(entrance_socket)
 
     def listen(self) -> None:
-        """Take in arrived packets; none is handled yet."""
+        """Process arrived packets, without handling messages."""
         if self.routes.paths or self._session.routing:
             if self._inbox is not None:
                 self._inbox.bar(
@@ -63,8 +61,9 @@ class DirectMessages:
             self._inbox.listen()
 
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
-        """Central's next delivery to handle; within a direct message only queries of the slot's own
-        resource.
+        """Return central's next delivery to handle, or None.
+
+        While a direct message is handled, only queries from the slot's own resource count.
         """
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
@@ -76,12 +75,12 @@ class DirectMessages:
 
     @property
     def has_delivery(self) -> bool:
-        """Whether ``next_delivery`` gives something."""
+        """Whether ``next_delivery`` would return a delivery."""
         is_busy = self._inbox is not None and self._inbox.is_busy
         return any(header.own or not is_busy for header, _ in self._session.deliveries)
 
     @property
-    def _may_take(self) -> bool:
+    def _may_start(self) -> bool:
         inbox = self._inbox
         return (
             inbox is not None
@@ -89,12 +88,12 @@ class DirectMessages:
             and not (inbox.is_busy or self._session.open_deliveries)
         )
 
-    def take(self) -> tuple[Deliver, bytes] | None:
-        """The next message that came directly, if the slot handles nothing."""
-        return self._inbox.take() if self._inbox is not None and self._may_take else None
+    def next_message(self) -> tuple[Deliver, bytes] | None:
+        """Return the next direct message, if the slot handles nothing, or None."""
+        return self._inbox.next_message() if self._inbox is not None and self._may_start else None
 
     def reply(self, header: Any, body: bytes) -> bool:
-        """The handler of a message has ended; False if that did not come directly."""
+        """Send the outcome of a handler; return False if its message was not a direct one."""
         if header.delivery >= 0:
             return False
         if self._inbox is not None:
@@ -102,46 +101,45 @@ class DirectMessages:
         return True
 
     def patience(self, seconds: float) -> float:
-        """The seconds, at most so many, in which there is nothing to do."""
-        if self._inbox is not None and self._may_take:
+        """Return the seconds, at most *seconds*, in which there is nothing to do."""
+        if self._inbox is not None and self._may_start:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        return (
-            seconds
-            if self._notes.due == FAR
-            else max(0.0, min(seconds, self._notes.due - time.monotonic()))
-        )
+        if self._notes.due == FAR:
+            return seconds
+        return max(0.0, min(seconds, self._notes.due - time.monotonic()))
 
     def report(self, *, at_once: bool = False) -> None:
-        """Give the session the notes that are due; or all, *at_once*."""
+        """Hand the notes that are due to the session; or all of them, *at_once*."""
         if self._notes.due != FAR:
             self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
-    def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
-        """Keep the notes among items that could not be sent to central."""
+    def retain_unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
+        """Retain the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
                 self._notes.restore(header, time.monotonic())
 
     @property
     def is_used(self) -> bool:
-        """Whether something may come from elsewhere than central."""
+        """Whether messages may arrive from other senders than central."""
         return self._inbox is not None or bool(self.routes.paths)
 
-    def shut(self) -> None:
-        """Take nothing more, and report the rest. Queries that have not begun go to somebody
-        else.
+    def stop_receiving(self) -> None:
+        """Receive nothing more, and report the remaining notes.
+
+        Senders send queries that have not begun to other handlers.
         """
         if self._inbox is not None:
-            if self._transport is not None and self._door is not None:
-                self._transport.remove(self._door)
+            if self._transport is not None and self._entrance_socket is not None:
+                self._transport.remove(self._entrance_socket)
             self._inbox.close()
             self._inbox = None
         self.report(at_once=True)
 
     def close(self) -> None:
-        """Close everything; without ``shut`` before, begun messages have failed."""
+        """Close everything. Without ``stop_receiving`` before, begun messages have failed."""
         self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()

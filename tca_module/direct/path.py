@@ -1,10 +1,11 @@
-"""A sender's way to one entrance.
+"""A sender's path to one entrance.
 
-Messages are numbered. The slot says which it has begun (Begun, an Answer), so the sender knows how
-much is on its way, and refuses more than a bound. After a break or a silence the sender greets
-again; the slot says what has not arrived:
-queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing.
-Informs that it has not said to have begun when it is gone may not have been handled: they count as
+Messages are numbered. The slot reports which it has begun (Begun, or an Answer). The sender thus
+knows how much is under way, and refuses more than a bound.
+
+After a break or a silence the sender greets again, and the slot says what has not arrived. Queries
+are sent again under their numbers; informs are lost. After Closing a slot begins nothing. When a
+slot disconnects, informs that it has not reported as begun may not have been handled: they count as
 lost.
 """
 
@@ -14,7 +15,7 @@ from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
 from tca_module.session.request import Request
-from tca_module.sockets.transport import Beside
+from tca_module.sockets.transport import EventSource
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import direct, headers
@@ -24,36 +25,36 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
 
-MOST_UNDER_WAY, MOST_BYTES = (
-    1000,
-    64 << 20,
-)  # messages that are not begun, and their data; one may always go
+# messages that are not begun, and bytes of their data; a single message is always accepted
+MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20
 REPEAT = 1.0  # seconds of silence after which a sender asks what has arrived and what has begun
-LAST_WORDS = 2.0  # seconds that a slot which has left may take to answer or close
-PACKETS = 256  # read at a time
+LAST_WORDS = 2.0  # seconds that a slot that has left still has for answering or closing
+PACKETS = 256  # packets read at a time
 
 
-class LineSocket(Beside, Protocol):
+class LineSocket(EventSource, Protocol):
     """Carries packets to an entrance and back."""
 
     @property
     def is_connected(self) -> bool:
-        """Whether the socket takes a packet now."""
+        """Whether the socket accepts a packet now."""
 
     def receive(self) -> bytes | None:
-        """The next packet; None if there is none."""
+        """Return the next packet, or None."""
 
     def send(self, packet: bytes) -> bool:
-        """Whether it left."""
+        """Send a packet; return whether it left."""
 
     def close(self) -> None:
-        """Close; packets already sent still leave."""
+        """Close. Packets already sent still leave."""
 
 
 class DirectPath:
-    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for
-    central, *lose* when so many informs of a message are lost, and why ("": too much is on its
-    way).
+    """The path to one entrance.
+
+    *end* is called when a request is over, *hand_over* with requests to be sent through central.
+    *lose* is called with a message, the number of its informs that are lost, and the reason ("":
+    too many are under way).
     """
 
     def __init__(
@@ -69,80 +70,85 @@ class DirectPath:
     ) -> None:
         self.entrance = entrance
         self.socket = socket
-        self.complaints: list[str] = []  #: for the log
-        self.requests: dict[int, Request] = {}  #: queries that are not answered, by number
+        self.complaints: list[str] = []  #: lines for the log
+        self.requests: dict[int, Request] = {}  #: number -> unanswered query
         self.is_over = False  #: nothing can be sent any more
-        self.is_asked = False  #: the slot is to say what has arrived
+        self.is_asked = False  #: the slot must say what has arrived
         self._is_open = False  #: the slot has answered the last greeting
         self._is_first = True
         self._session = session
         self._module = module
         self._end, self._hand_over, self._lose = end, hand_over, lose
         self._newest = 0
-        self._under_way: dict[
-            int, tuple[str, int]
-        ] = {}  #: inform ("": a query) and size of what may not be begun with
+        #: number -> message ("" for a query) and size, of messages that may not have begun
+        self._under_way: dict[int, tuple[str, int]] = {}
         self._bytes = 0
-        self._arrived = 0  #: the slot has what was sent up to this number, as far as it was asked
-        self._said = float("-inf")  #: when the slot was last sent a query or greeting
-        self._gives_up: tuple[float, str] | None = (
-            None  #: the slot is gone: when its queries have failed, and why
-        )
+        self._arrived = 0  #: the highest number that has arrived, since ``confirm`` asked
+        self._asked_at = float("-inf")  #: when the slot was last sent a query or greeting
+        #: the slot has disconnected: when its queries fail, and why
+        self._gives_up_at: tuple[float, str] | None = None
 
     @property
     def is_usable(self) -> bool:
-        """Whether messages can be sent this way now."""
-        return self._is_open and not self.is_over and self._gives_up is None
+        """Whether messages can be sent on this path now."""
+        return self._is_open and not self.is_over and self._gives_up_at is None
 
     @property
     def is_needed(self) -> bool:
-        """Whether the slot may have something to say of what was sent."""
+        """Whether the slot may still report on messages that were sent."""
         return bool(self.requests) or bool(self._under_way and not self.is_over)
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``tend`` may have something to do though nothing arrives."""
+        """Whether ``send_due`` may have something to do though nothing arrives."""
         return not self.is_over and (
-            self._gives_up is not None or self.is_needed or not self._is_open
+            self._gives_up_at is not None or self.is_needed or not self._is_open
         )
 
     @property
-    def unheard(self) -> int:
-        """The number of informs that may not have arrived, and are not lost yet."""
+    def unconfirmed(self) -> int:
+        """The number of informs that may not have arrived, and do not count as lost yet."""
         under_way = {} if self.is_over else self._under_way
         return sum(
             bool(inform) for number, (inform, _) in under_way.items() if number > self._arrived
         )
 
     def confirm(self) -> None:
-        """Ask the slot what has arrived; what it said before does not count."""
+        """Ask the slot what has arrived, and ignore what it said before."""
         self.receive()
         self._arrived = 0
-        self.is_asked = self.unheard > 0
+        self.is_asked = self.unconfirmed > 0
 
-    def ask(self, request: Request, now: float) -> bool:
-        """Send a query; False if it must go another way. Refused if too much is on its way."""
+    def send_query(self, request: Request, now: float) -> bool:
+        """Send a query; return False if it must go another way.
+
+        If too much is under way, the query is refused.
+        """
         if self._is_full(len(request.body)):
-            text = f"{len(self._under_way)} direct messages wait for the handler of '{request.header.message}'"
-            request.refused = Refused(0, Refusal.OVERLOAD, f"{text}: try later")
+            number, message = len(self._under_way), request.header.message
+            text = f"{number} direct messages wait for the handler of '{message}': try later"
+            request.refused = Refused(0, Refusal.OVERLOAD, text)
             self._end(request)
             return True
         if not self._send(request.header, request.body, inform=""):
             return False
         self.requests[self._newest] = request
         request.path, request.number = self, self._newest
-        self._said = now
+        self._asked_at = now
         return True
 
-    def tell(self, header: headers.Send, body: bytes) -> bool:
-        """Send an inform; False if it must go another way. Lost if too much is on its way."""
+    def send_inform(self, header: headers.Send, body: bytes) -> bool:
+        """Send an inform; return False if it must go another way.
+
+        If too much is under way, the inform is lost.
+        """
         if self._is_full(len(body)):
             self._lose(header.message, 1, "")
             return True
         return self._send(header, body, inform=header.message)
 
     def abandon(self, request: Request) -> None:
-        """Give a query up: nobody waits for its answer any more."""
+        """Give up a query: its answer is no longer wanted."""
         if self.requests.pop(request.number, None) is not None and self._is_open:
             self.socket.send(pack_item(headers.GiveUp(request.number)))
 
@@ -155,28 +161,28 @@ class DirectPath:
         if not self.socket.send(
             pack_item(Direct(self._newest + 1, header.message, header.origin), body)
         ):
-            self._is_open, self._said = False, float("-inf")
+            self._is_open, self._asked_at = False, float("-inf")
             return False
         self._newest += 1
         self._under_way[self._newest] = inform, len(body)
         self._bytes += len(body)
         return True
 
-    def tend(self, now: float) -> None:
-        """Greet when that is due; end the wait for a slot that is gone."""
+    def send_due(self, now: float) -> None:
+        """Greet when that is due; give up on a slot that has disconnected."""
         is_waiting = self.requests or self._under_way or not self._is_open
-        if self._gives_up is not None and now >= self._gives_up[0]:
-            for request in self._all_requests():
+        if self._gives_up_at is not None and now >= self._gives_up_at[0]:
+            for request in self._close_and_pop_requests():
                 request.answers.append(
-                    (Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL)
+                    (Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up_at[1]), NIL)
                 )
                 self._end(request)
-            self._lose_informs([*self._under_way], self._gives_up[1])
-        if self.is_over or not (self.is_asked or (is_waiting and now - self._said >= REPEAT)):
+            self._lose_informs([*self._under_way], self._gives_up_at[1])
+        if self.is_over or not (self.is_asked or (is_waiting and now - self._asked_at >= REPEAT)):
             return
         if self.socket.is_connected:
             self.is_asked = False
-            self._said = now
+            self._asked_at = now
             greet = Greet(
                 PROTOCOL_VERSION,
                 self.entrance.key,
@@ -187,27 +193,29 @@ class DirectPath:
             )
             self.socket.send(pack_item(greet))
 
-    def gone(self, text: str, now: float, *, lost: bool) -> None:
-        """The slot is gone: it was lost, or left and may have last words."""
+    def on_disconnected(self, text: str, now: float, *, lost: bool) -> None:
+        """Note that the slot has disconnected: it was *lost*, or left and may still send some
+        answers.
+        """
         self.receive()
-        self._gives_up = now + (0 if lost else LAST_WORDS), text
-        self.tend(now)
+        self._gives_up_at = now + (0 if lost else LAST_WORDS), text
+        self.send_due(now)
 
     def lose_all(self, why: str) -> None:
-        """Fail all queries: nobody knows what becomes of them."""
-        for request in self._all_requests():
+        """Fail all queries: their outcome is unknown."""
+        for request in self._close_and_pop_requests():
             request.lost = why
             self._end(request)
 
-    def _all_requests(self) -> list[Request]:
-        """All queries, of which this is the end."""
+    def _close_and_pop_requests(self) -> list[Request]:
+        """Close the path and return its unanswered queries, for which this is the end."""
         self.is_over = True
         requests = list(self.requests.values())
         self.requests.clear()
         return requests
 
     def receive(self) -> None:
-        """Take in arrived packets."""
+        """Process arrived packets."""
         for _ in range(PACKETS):
             packet = self.socket.receive()
             if packet is None:
@@ -216,7 +224,7 @@ class DirectPath:
                 for header, body in direct.unpack_from_entrance(packet):
                     self._ON[type(header)](self, header, body)
             except ProtocolError as error:
-                self.complaints.append(f"{self.entrance.endpoint} sent what is no message: {error}")
+                self.complaints.append(f"{self.entrance.endpoint} sent an invalid packet: {error}")
 
     def _on_answer(self, header: Answer, body: bytes) -> None:
         self._begun(header.number)
@@ -229,15 +237,15 @@ class DirectPath:
             self._begun(number)
 
     def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
-        self._is_open, self._said = False, float("-inf")
+        self._is_open, self._asked_at = False, float("-inf")
 
     def _on_closing(self, _header: headers.Closing, _: bytes) -> None:
-        for request in self._all_requests():
+        for request in self._close_and_pop_requests():
             self._hand_over(request)
         self._lose_informs([*self._under_way], "their handler has left")
 
     def _lose_informs(self, numbers: list[int], why: str) -> None:
-        """Informs with these numbers may not have been handled; queries are none of this."""
+        """Report the informs with these numbers as possibly not handled; ignore queries."""
         lost = Counter(self._under_way[number][0] for number in numbers)
         for number in numbers:
             self._begun(number)
@@ -256,9 +264,11 @@ class DirectPath:
             self._end(request)
             return
         self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
-        if not header.number:  # it takes nothing from here any more
+        if not header.number:  # without a number, it refuses everything from here
             self.lose_all(self.complaints[-1])
-            self._lose_informs([*self._under_way], "their handler takes nothing from here any more")
+            self._lose_informs(
+                [*self._under_way], "their handler accepts nothing from here any more"
+            )
 
     def _on_greeting(self, header: Greeting, _body: bytes) -> None:
         self._is_open, self._is_first = True, False
@@ -291,4 +301,4 @@ class DirectPath:
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
     }
-    """One row per message from a slot."""
+    """One handler per type of header from a slot."""

@@ -1,8 +1,8 @@
-"""The routes on which a connection may send directly, as central gives them, and their paths.
+"""The routes on which a connection may send directly, as central assigns them, and their paths.
 
 A message goes through central until an entrance of its route has answered a greeting, and whenever
-none can be reached. Paths are kept while a route leads there, a query is open, or an inform may not
-have begun.
+no entrance can be reached. A path is retained while a route leads there, a query is open, or an
+inform may not have begun.
 """
 
 import itertools
@@ -28,33 +28,35 @@ class DirectRoutes:
         self, session: Session, transport: DealerTransport | None, notes: NoteBatch
     ) -> None:
         self._session = session
-        self._way = token_hex(16)  #: names this connection among all
+        self._id = token_hex(16)  #: identifies this connection
         self._transport = transport
         self._notes = notes
-        self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
-        self.paths: dict[str, DirectPath] = {}  #: by endpoint: the ways there are
+        self._routes: dict[str, deque[DirectPath]] = {}  #: message -> its paths, used in turn
+        self.paths: dict[str, DirectPath] = {}  #: endpoint -> path
         self._numbers = itertools.count(1)
-        self.lost = 0  #: informs that may not have reached their handler, and never will
+        self.lost = 0  #: number of informs that may never have reached their handler
         self._has_dropped = False  #: the log says that informs are dropped
-        self._is_tidy = True  #: no way is open that leads nowhere
+        self._is_tidy = True  #: every open path is used
         self._epoch = ""
         self._log = log_of(session.module)
 
-    def ask(self, header: Send, body: bytes) -> Request | None:
-        """Send a query directly; None if it must go through central."""
+    def send_query(self, header: Send, body: bytes) -> Request | None:
+        """Send a query directly; return None if it must go through central."""
         if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
-        return request if path.ask(request, time.monotonic()) else None
+        return request if path.send_query(request, time.monotonic()) else None
 
-    def tell(self, header: ToCentral, body: bytes) -> bool:
-        """Send an inform directly; False if it must go through central, or is none."""
+    def send_inform(self, header: ToCentral, body: bytes) -> bool:
+        """Send an inform directly; return False if it must go through central, or is another
+        header.
+        """
         if (
             not (self.paths and isinstance(header, Send))
             or (path := self._path(header.message)) is None
         ):
             return False
-        return path.tell(header, body)
+        return path.send_inform(header, body)
 
     def _path(self, message: str) -> DirectPath | None:
         paths = self._routes.get(message) or deque()
@@ -71,9 +73,9 @@ class DirectRoutes:
             path.confirm()
 
     @property
-    def unheard(self) -> int:
+    def unconfirmed(self) -> int:
         """The number of informs that may not have arrived."""
-        return sum(path.unheard for path in self.paths.values())
+        return sum(path.unconfirmed for path in self.paths.values())
 
     @property
     def is_restless(self) -> bool:
@@ -81,7 +83,7 @@ class DirectRoutes:
         return any(path.is_restless for path in self.paths.values())
 
     def listen(self) -> None:
-        """Take in direct answers and central's routes; send due packets."""
+        """Process direct answers and central's routes, and send due packets."""
         now = time.monotonic()
         while self._session.routing:
             self._is_tidy = False
@@ -96,12 +98,12 @@ class DirectRoutes:
             elif isinstance(header, Welcome):
                 self._on_welcome(header)
             elif isinstance(header, Barred):
-                pass  # it is for the slot
-            elif (gone := self.paths.get(header.endpoint)) is not None:
-                gone.gone(header.text, now, lost=header.lost)
+                pass  # for the receiving side
+            elif (closing := self.paths.get(header.endpoint)) is not None:
+                closing.on_disconnected(header.text, now, lost=header.lost)
         for path in self.paths.values():
             path.receive()
-            path.tend(now)
+            path.send_due(now)
             while path.complaints:
                 self._log.warning("%s", path.complaints.pop())
             self._is_tidy &= not path.is_over
@@ -109,12 +111,12 @@ class DirectRoutes:
             self._close_unused()
 
     def _path_to(self, entrance: Entrance) -> DirectPath | None:
-        """The path to an entrance; None if there can be none from here."""
+        """Return the path to an entrance; None if it can't be reached from here."""
         if self._transport is None:
             return None
         known = self.paths.get(entrance.endpoint)
         if known is not None and not known.is_over:
-            known.entrance = entrance  # the licence may be another one
+            known.entrance = entrance  # the licence may have changed
             return known
         try:
             socket = PathSocket(entrance)
@@ -123,13 +125,13 @@ class DirectRoutes:
             return None
         if known is not None:
             self._close(known)
-        way = f"{self._way}/{next(self._numbers)}"
+        session = f"{self._id}/{next(self._numbers)}"
         path = DirectPath(
             entrance,
             socket,
-            way,
+            session,
             self._session.module,
-            end=self._session.end,
+            end=self._session.finish,
             hand_over=self._session.adopt,
             lose=self._lose,
         )
@@ -138,13 +140,13 @@ class DirectRoutes:
         return path
 
     def _on_welcome(self, header: Welcome) -> None:
-        """Forget all routes: central tells them anew."""
+        """Forget all routes: central sends them again."""
         is_another = bool(self._epoch) and header.epoch != self._epoch
         self._epoch = header.epoch
         self._routes.clear()
         for path in self.paths.values():
             if is_another:
-                path.lose_all("central was restarted meanwhile and has forgotten it")
+                path.lose_all("central was restarted and has forgotten it")
             elif path.is_needed:
                 self._session.post(WatchEntrance(path.entrance.endpoint))
 
@@ -156,7 +158,7 @@ class DirectRoutes:
         elif not self._has_dropped:
             self._has_dropped = True
             self._log.warning("informs '%s' are lost: their handler is too slow", message)
-        self._notes.lost(message, time.monotonic(), number)
+        self._notes.add_lost(message, time.monotonic(), number)
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}
@@ -173,7 +175,7 @@ class DirectRoutes:
         path.socket.close()
 
     def close(self) -> None:
-        """Send nothing directly any more."""
+        """Close all paths: nothing is sent directly any more."""
         self._routes.clear()
         for path in self.paths.values():
             self._close(path)

@@ -197,12 +197,12 @@ class Observation:
         Functions are called with it before the caller continues.
         """
         if self._calls_functions:
-            self.connection.hear_out(self.request)
+            self.connection.wait_for_end(self.request)
 
     def _call_functions(self) -> None:
         """Call functions with the changes that the caller knows, before it continues."""
         if self._calls_functions:
-            self.connection.attend()
+            self.connection.process_pending()
 
     def _on_error(self, error: BaseException) -> None:
         """Send the request again after a wait that ended with an error.
@@ -235,8 +235,8 @@ class Observation:
 
     def nudge(self) -> None:
         """Wake a coroutine that waits, so that it checks again."""
-        if self.request.wakes is not None:
-            self.request.wakes()
+        if self.request.wake is not None:
+            self.request.wake()
 
     def check(self) -> None:
         """Raise the error that the request ended with, if any."""

@@ -1,1 +1,1 @@
-"""A connection to central: opens it, waits on it, keeps it alive."""
+"""Connections to central: opening and closing them, requests, waits, and keeping them alive."""

@@ -1,5 +1,7 @@
-"""One connection to central: how it begins, what is asked of central, and how it ends: whether all
-that was sent has arrived, how much may not have, and why.
+"""One connection to central: opening it, requests to central, and closing it.
+
+Closing waits until everything that was sent has arrived, or reports how many messages may be
+missing and why.
 """
 
 import contextlib
@@ -21,29 +23,28 @@ from tca_module.session.epoch_numbers import (
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
-from tca_module.sockets.transport import is_anybody_there
+from tca_module.sockets.transport import accepts_connections
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
-ACKNOWLEDGED_WITHIN = (
-    30.0  # seconds that central may take to accept or refuse a request while it says other things
-)
-_LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
-LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
-MOST_UNTOLD = (
-    100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
-)
+# seconds within which central accepts or refuses a request, even while it answers others
+ACKNOWLEDGED_WITHIN = 30.0
+_LEAVE_WITHIN = 2.0  # seconds that central has to acknowledge a leaving module
+LINGER = 10.0  # seconds that closing waits for sent messages to arrive
+# unacknowledged task sends on one connection; central remembers the requests of 128 tasks
+MAX_UNACKNOWLEDGED = 100
 
 
 class Connection(Waits):
     """One connection to central."""
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
-        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if
-        *is_stopped*.
+        """Wait until central welcomes this connection.
+
+        Raises CentralLost, Refused, or Stopped if *is_stopped*.
         """
         session = self.session
         self.waiting.until(
@@ -55,11 +56,14 @@ class Connection(Waits):
             )
         if not session.is_welcome:
             where = f"central at {self.transport.address}"
-            raise Stopped(f"module '{session.module}' was told to end before {where} had answered")
+            raise Stopped(f"module '{session.module}' was stopped before {where} had answered")
 
     def leave(self) -> None:
-        """Handle nothing any more. If central does not hear it, it will notice."""
-        self.session.withdrawn()
+        """Unregister all handlers.
+
+        An error is ignored: central notices anyway when the connection closes.
+        """
+        self.session.forget_handlers()
         with contextlib.suppress(CentralLost, Timeout, Refused):
             if self.session.is_welcome:
                 self.call(headers.Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
@@ -73,26 +77,26 @@ class Connection(Waits):
         is_ready: bool = False,
         within: float = ACKNOWLEDGED_WITHIN,
     ) -> None:
-        """Tell central of messages, which of them are handled here, and that all is attached that
-        is attached at the start. Raises FormatRefused if others differ.
+        """Declare messages and handlers to central.
+
+        With *is_ready*, also say that the module has made all attachments of its start. Raises
+        FormatRefused if another module declares a message with other types.
         """
-        new, handled = (
-            [message for message in messages if not self.has_declared(message)],
-            list(handlers),
-        )
+        new = [message for message in messages if not self.has_declared(message)]
+        handled = list(handlers)
         if not new and not handled and not is_ready:
             return
-        formats, names = (
-            [message.format for message in new],
-            ", ".join(one.title for one in new or messages),
-        )
+        formats = [message.format for message in new]
+        names = ", ".join(message.title for message in new or messages)
         for header in registers(formats, handled, is_ready=is_ready):
             self.call(header, f"declaring {names or 'that it is ready'}", within=within)
-        self.session.declared(formats, handled, is_ready=is_ready)
+        self.session.add_declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 
     def has_declared(self, message: Message[Any, Any]) -> bool:
-        """Whether central has been told of this message. Raises MisuseError for what is none."""
+        """Return whether central knows this message from here. Raises MisuseError for anything
+        else.
+        """
         if not isinstance(message, Message):
             check_message(message)
         return self._declared.get(message.name) is message
@@ -104,23 +108,25 @@ class Connection(Waits):
         body: bytes = b"",
         within: float = ACKNOWLEDGED_WITHIN,
     ) -> int:
-        """Have central do something; the id of the resulting task or message. *what* names it in
-        errors.
+        """Make a request of central and wait until it is accepted.
+
+        Returns the id of the resulting task or message. *what* names the request in errors.
         """
-        with self.mine():
+        with self.locked():
             request = self.request(header, body, is_awaited=True)
-            self._wait_for_word(request, what, within)
+            self._wait_for_acknowledgement(request, what, within)
             return request.accepted or 0
 
-    def answered(
+    def ask_central(
         self,
         header: headers.ToCentral,
         what: object,
         body: bytes = b"",
         within: float | None = ACKNOWLEDGED_WITHIN,
     ) -> Request:
-        """A question that central itself answers, at once, with the answer. Raises Timeout if it
-        does not come *within* so many seconds.
+        """Ask central a question that it answers at once; return the request with its answer.
+
+        Raises Timeout if the answer does not arrive *within* that number of seconds.
         """
         request = self.request(header, body, wants_answer=True, is_awaited=True)
         if not self.wait(request, within, what):
@@ -131,29 +137,28 @@ class Connection(Waits):
             )
         return request
 
-    def _wait_for_word(
+    def _wait_for_acknowledgement(
         self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN
     ) -> None:
-        """Wait until central has accepted a request."""
+        """Wait until central has accepted a request. Raises Timeout otherwise."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            why, fate = (
-                self.line.why_late(within),
-                f"{what} {given_up.fate_of(self.session, request)}",
-            )
+            why = self.line.why_late(within)
+            fate = f"{what} {given_up.fate_of(self.session, request)}"
             raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
     # --- tasks ------------------------------------------------------------------------------------
 
     def send_task(self, header: headers.Send, body: bytes, what: str) -> TaskId:
-        """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless
-        central is away: an error is raised by whatever uses the id, by the next call of the same
-        sender, or by ``settle``.
+        """Send a goal, command or monitor, and return its id without waiting for central.
+
+        If central refuses the task, the error is raised by the first use of the id, the sender's
+        next call, or ``raise_send_errors``. While central is away, this waits for it.
         """
-        with self.mine():
+        with self.locked():
             session, epoch = self.session, self.session.epoch
-            if session.sends.untold >= MOST_UNTOLD:
-                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
+            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED:
+                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
@@ -162,39 +167,44 @@ class Connection(Waits):
             return TaskId(SentId(self, request))
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Change the state of a task, which *what* says. Waits neither for central nor for its
-        word. A refusal is raised by the next call of the same sender, or by ``settle``; that it
-        came too late is logged.
+        """Request the change of a task's state that *what* describes, without waiting for central.
+
+        A refusal is raised by the next call of the same sender, or by ``raise_send_errors``. A change that
+        came too late is only logged.
         """
-        with self.mine():
+        with self.locked():
             session = self.session
-            if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
-                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
+            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED and session.is_welcome:
+                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
             self._catch_up_for(header)
             request = session.send(header, body, what)
             self.line.flush(0.0, is_patient=True)
             return request
 
-    def acknowledged(self, request: Request) -> EpochNumber:
-        """The id of a task that was sent, once central has told it. Raises the error that the send
-        came to.
+    def wait_for_id(self, request: Request) -> EpochNumber:
+        """Wait until central has accepted a sent task, and return its id.
+
+        Raises the error of the send. Works from any thread.
         """
-        if not self.is_mine:
-            self._overhear(request)
+        if not self.is_own_thread:
+            self._wait_from_other_thread(request)
         try:
-            if self.is_mine:
-                self._wait_for_word(request, request.what)
+            if self.is_own_thread:
+                self._wait_for_acknowledgement(request, request.what)
         finally:
             self.session.sends.discard(request)
         request.check(request.what)
         assert request.accepted is not None
         return request.accepted
 
-    def _overhear(self, request: Request) -> None:
-        """Wait in another thread until central has said what became of a task that was sent."""
-        self.call_soon(
-            lambda: self.announce(request)
-        )  # if the thread that has sent it waits for something else
+    def _wait_from_other_thread(self, request: Request) -> None:
+        """Wait in another thread than the connection's own until a sent task is accepted or
+        refused.
+
+        The own thread may be busy, so this thread reads packets itself whenever the lock is free.
+        """
+        # The own thread may be in another wait.
+        self.call_soon(lambda: self.announce(request))
         until = self.now() + ACKNOWLEDGED_WITHIN
         while not request.is_over:
             if self._lock.acquire(timeout=STEP):
@@ -208,20 +218,20 @@ class Connection(Waits):
                     f"{request.what} was not acknowledged within {ACKNOWLEDGED_WITHIN:g} s"
                 )
 
-    def settle(self, origin: int, *, wait: bool) -> None:
-        """Raise the first error of the tasks that were sent for *origin*; with *wait* when central
-        has spoken of all.
+    def raise_send_errors(self, origin: int, *, wait: bool) -> None:
+        """Raise the first error of the tasks that were sent for the delivery *origin*.
 
-        Of what a handler has sent central itself sees to it that no refusal is lost: see Reply.
+        With *wait*, first wait until central has accepted or refused every sent task. Handlers need
+        no *wait*: their Reply says how many refusals they know, and central compares.
         """
         session = self.session
-        if session.sends.untold:
+        if session.sends.unacknowledged:
             with self._lock:
                 self.line.catch_up()
-                if wait and session.sends.untold:
+                if wait and session.sends.unacknowledged:
                     session.confirm()
                     self.line.flush()
-                    self.waiting.until(lambda: not session.sends.untold, None)
+                    self.waiting.until(lambda: not session.sends.unacknowledged, None)
         session.sends.check(origin)
 
     def request(
@@ -232,14 +242,16 @@ class Connection(Waits):
         wants_answer: bool = False,
         is_awaited: bool = False,
     ) -> Request:
-        """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait``
-        follows.
+        """Send a numbered request.
+
+        If central does not take the packet at once, wait a little, unless *is_awaited*: then
+        ``wait`` follows and sends it.
         """
-        with self.mine():
+        with self.locked():
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (asked := self.direct.routes.ask(header, body)) is not None:
+            elif (asked := self.direct.routes.send_query(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
                 return asked
             else:
@@ -248,8 +260,10 @@ class Connection(Waits):
             return request
 
     def _catch_up_for(self, header: headers.ToCentral, epoch: str | None = None) -> None:
-        """Take in what central has said. Raises CentralLost if a header is for the central before
-        it, of *epoch*.
+        """Process arrived packets before a header is sent.
+
+        Raises CentralLost if the header names tasks of an earlier central. *epoch*: the central
+        that the caller wrote the header for.
         """
         session = self.session
         epoch = session.epoch if epoch is None else epoch
@@ -266,58 +280,62 @@ class Connection(Waits):
     def _check_header(
         self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str
     ) -> None:
+        """Raise the error of an earlier send, or CentralLost if the header is for an earlier
+        central.
+        """
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
-            if epoch != session.epoch and refers_to_tasks(
-                header
-            ):  # its numbers are of the central before
-                raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
+            # Its numbers come from the previous central.
+            if epoch != session.epoch and refers_to_tasks(header):
+                raise CentralLost(f"the request is lost: {RESTARTED}; start again")
             return
         for number in numbers:
             if isinstance(number, SentId):
-                number.be_nameable(self)
+                number.check_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
-            with contextlib.suppress(
-                CentralLost, Timeout
-            ):  # this one may have yet to hear of the restart
-                self.call(headers.Register(0, []), "a word of central's")
+            # This connection may not know of the restart yet: an exchange with central shows it.
+            with contextlib.suppress(CentralLost, Timeout):
+                self.call(headers.Register(0, []), "an answer from central")
         check_epoch(numbers, session.epoch)
 
     def declared(self, name: str) -> Message[Any, Any] | None:
-        """The message of that name, if it was declared here."""
+        """Return the message of that name, if it was declared here."""
         return self._declared.get(name)
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
-        """Release the lock of a request; whether it was still held. With *at_once*, without
-        waiting. Raises CentralLost if central does not answer; it is told as soon as it does.
+        """Release the lock of a request; return whether it was still held.
+
+        With *at_once*, do not wait for central. Raises CentralLost if central does not answer; the
+        release is then repeated as soon as it does.
         """
         header = headers.Release(0, request.header.number, getattr(request.header, "origin", 0))
-        if self.is_taken(request) or at_once:
+        if self.is_lock_lost(request) or at_once:
             with self._lock:
                 self.session.request(header)
                 self.line.flush()
-            return not request.taken
+            return not request.why_lock_lost
         try:
             return bool(self.call(header, f"releasing {what}"))
         except CentralLost:
-            if not request.taken:
+            if not request.why_lock_lost:
                 raise
             return False
 
-    def is_taken(self, request: Request) -> bool:
-        """Whether the lock of a request was taken away, as far as is known here. Never waits."""
-        with self.mine():
+    def is_lock_lost(self, request: Request) -> bool:
+        """Return whether the lock of a request was lost, as far as is known here. Never waits."""
+        with self.locked():
             self.line.catch_up()
-            return bool(request.taken)
+            return bool(request.why_lock_lost)
 
     def post(self, header: headers.ToCentral, body: bytes) -> None:
-        """Send something that has no answer. If central is not there, it is lost, counted and
-        logged.
+        """Send a message that has no answer.
+
+        If central is not there, the message is lost, counted and logged.
         """
-        with self.mine():
+        with self.locked():
             self._catch_up_for(header)
-            if self.direct.routes.tell(header, body):
+            if self.direct.routes.send_inform(header, body):
                 self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
@@ -330,62 +348,65 @@ class Connection(Waits):
                 )
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
-        """A handler ended."""
+        """Send the outcome of a handler."""
         with self._lock:
             if self.direct.reply(header, body):
-                self.session.open_deliveries.end(header.delivery)
+                self.session.open_deliveries.remove(header.delivery)
             elif not self.session.reply(header, body, self.line.time()):
                 self.line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether a delivery's handler is to clean up and return; it has been told then."""
-        with self.mine():
+        """Return whether a delivery's handler should clean up and return.
+
+        The handler then counts as notified: no wait raises the same again.
+        """
+        with self.locked():
             self.line.catch_up()
             return self.session.open_deliveries.read_cancelled(delivery)
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of an open delivery is suspended."""
-        with self.mine():
+        """Return whether the task of an open delivery is suspended."""
+        with self.locked():
             self.line.catch_up()
             return self.session.open_deliveries.is_suspended(delivery)
 
     def call_back(self, function: Callable[[], object], name: object) -> None:
-        """Call a user's function. Errors in it, and of what it has sent, are logged: its author
-        reads the log.
-        """
+        """Call a user's function; log its errors, and those of the tasks that it has sent."""
         try:
             function()
-            self.settle(0, wait=True)
+            self.raise_send_errors(0, wait=True)
         except ORDINARY:
             self.log.exception("%s failed", name)
 
-    def hear_threads(self) -> None:
-        """Do what other threads have asked for with ``call_soon``."""
-        while self.session.news:
-            self.session.news.popleft()()
+    def run_requested_calls(self) -> None:
+        """Run the functions that other threads have passed to ``call_soon``."""
+        while self.session.pending_calls:
+            self.session.pending_calls.popleft()()
 
-    def give_back(self) -> None:
-        """Give back to central the messages that have not begun, and that only this slot has."""
+    def return_prefetched(self) -> None:
+        """Return the prefetched messages that have not begun to central."""
         with self._lock:
-            if self.session.ahead:
-                self.session.give_back()
+            if self.session.prefetched:
+                self.session.return_prefetched()
                 self.line.flush()
 
-    # --- its end ----------------------------------------------------------------------------------
+    # --- closing ----------------------------------------------------------------------------------
 
     def close(self, linger: float = LINGER, before: int = 0) -> None:
-        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent
-        if something may not have; *before*: so much was lost, and logged, earlier.
+        """Say goodbye when all that was sent has arrived, or after *linger* seconds.
+
+        Raises NotSent if messages may be missing. *before*: the number that was lost, and logged,
+        earlier.
         """
         with self._lock:
             session = self.session
             try:
-                self.direct.shut()
+                self.direct.stop_receiving()
                 self._wait_for_arrival(linger, before)
-                if (
-                    self.is_mine and not self.are_owed
-                ):  # else central is gone, for which functions would wait
-                    self.attend()
+                # If something is still unconfirmed, central is away and callbacks would wait for
+                # it.
+                if self.is_own_thread and not self.has_unconfirmed:
+                    self.process_pending()
                     self._wait_for_arrival(linger, before)
             finally:
                 number = self.missing - before
@@ -398,21 +419,23 @@ class Connection(Waits):
                 raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
             session.sends.check(0)
 
-    def take_over(self, within: float) -> bool:
-        """Stop its own thread at its next use, for ever, so that another may close it at the end of
-        the process. False if that thread waited all the time, or all that was sent has arrived
-        meanwhile.
+    def acquire_for_closing(self, within: float) -> bool:
+        """Take the connection from its own thread for good, so that this thread can close it at
+        exit.
+
+        Returns False if that thread held the connection all the time, or if everything that was
+        sent has arrived.
         """
         self.call_soon(self.session.confirm)
         self.call_soon(self.direct.routes.confirm)
         until = self.now() + within
-        while self.now() < until and self.are_owed:
+        while self.now() < until and self.has_unconfirmed:
             if self._lock.acquire(timeout=STEP):
                 return True
         return False
 
     def drop(self) -> None:
-        """Close without goodbye: deliveries begun and not answered have failed."""
+        """Close without a goodbye: central counts unanswered deliveries as failed."""
         with self._lock:
             self.direct.close()
             self.transport.close()
@@ -422,53 +445,51 @@ class Connection(Waits):
         """The number of messages that may not have arrived."""
         return (
             self.lost
-            + self.session.unheard
-            + self.session.sends.untold
-            + self.direct.routes.unheard
+            + self.session.unconfirmed
+            + self.session.sends.unacknowledged
+            + self.direct.routes.unconfirmed
         )
 
     @property
     def lost(self) -> int:
-        """The number of statements that did not arrive, or may not have."""
+        """The number of informs, broadcasts and variable changes that are lost or may be."""
         return self.session.lost + self.direct.routes.lost
 
     @property
-    def are_owed(self) -> bool:
-        """Whether central, or a handler, has yet to say that something has arrived."""
-        return bool(self.direct.routes.unheard) or not self.session.is_settled
+    def has_unconfirmed(self) -> bool:
+        """Whether central, or a handler, has yet to confirm that something arrived."""
+        return bool(self.direct.routes.unconfirmed) or not self.session.is_confirmed
 
     def messages(self, number: int) -> str:
-        """So many messages of this module, for errors."""
+        """Return "*number* messages of this module", for errors."""
         return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
 
     def _wait_for_arrival(self, within: float, before: int) -> None:
-        """Wait until all has arrived, unless central is gone. *before*: so much was lost
+        """Wait until everything has arrived, unless central is away. *before*: the number lost
         earlier.
         """
         session, since = self.session, self.now()
-        is_waited_for = not session.is_settled and (
-            session.is_welcome or self.lost > before or session.sends.untold > 0
+        is_waited_for = not session.is_confirmed and (
+            session.is_welcome or self.lost > before or session.sends.unacknowledged > 0
         )
         if is_waited_for:
             session.confirm()
         self.direct.routes.confirm()
-        while (is_waited_for and not session.is_settled) or self.direct.routes.unheard:
+        while (is_waited_for and not session.is_confirmed) or self.direct.routes.unconfirmed:
             left = since + within - self.now()
-            session.tend(self.now(), since)
+            session.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
-            if left <= 0 or (session.outgoing and not is_anybody_there(self.transport.address)):
+            if left <= 0 or (session.outgoing and not accepts_connections(self.transport.address)):
                 return
             self.line.listen(min(STEP, left))
 
     def _why_missing(self) -> str:
-        """Where messages may not have arrived, and why."""
+        """Return where messages may be missing, and why."""
         where = f"central at {self.transport.address}"
-        if not self.session.is_settled:
-            return f"{where}: {self.line.what_to_do()}"
-        if self.direct.routes.unheard:
+        if not self.session.is_confirmed:
+            return f"{where}: {self.line.advice()}"
+        if self.direct.routes.unconfirmed:
             return "their handler, which does not answer"
-        return (
-            f"{where}: the connection broke"
-            if self.session.lost
-            else "their handler, which is gone"
-        )
+        if self.session.lost:
+            return f"{where}: the connection broke"
+        return "their handler, which was disconnected"

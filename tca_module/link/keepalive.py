@@ -1,6 +1,7 @@
 """Keeps the first connections of modules alive, and tells central when a module was stopped.
 
-One thread does so for all modules of a process. It sleeps until something arrives, or is due.
+One thread does this for all modules of a process. It sleeps until a packet arrives or a check is
+due.
 """
 
 import os
@@ -17,125 +18,132 @@ from tca_module.link.stop import Stop
 from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
-TEND_PERIOD = 0.5  # seconds between two looks at a connection that its own thread uses, or that central does not answer
-_OTHERS = 1.2  # so many times as long as the first one the others wait for a word from central before they ask, too
+# seconds between two checks of a connection that its own thread uses, or that gets no answer
+CHECK_PERIOD = 0.5
+# One connection probes a silent central; the others of the process wait this factor longer, so
+# that its answer spares their probes.
+_OTHERS = 1.2
 
 
 @dataclass
-class Look:
-    """One look of the thread at its modules. They share what they hear of a central: one of them
-    asks it for all.
+class Pass:
+    """One pass of the thread over its modules.
+
+    The modules share when each central was last heard, so only one of them probes it for all.
     """
 
     now: float
-    ready: set[int]  #: the files that can be read
-    heard: dict[str, float]  #: when a central, by its address, last said anything
-    asked: set[str] = field(default_factory=set)  #: centrals that one of them asks when that is due
-    advice: dict[str, str] = field(
-        default_factory=dict
-    )  #: what to do about one that does not answer
+    ready: set[int]  #: the numbers of the files that can be read
+    heard: dict[str, float]  #: central's address -> when it was last heard
+    #: addresses of the centrals that a module of this pass probes when due
+    asked: set[str] = field(default_factory=set)
+    #: address of a silent central -> advice for the log
+    advice: dict[str, str] = field(default_factory=dict)
 
 
 class KeepAlive:
     """Keeps the first connection of one module alive, from its creation to ``end``."""
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
-        self.error: CentralLost | None = None  #: the error that ended the module before its time
-        self.since = self.due = (
-            time.monotonic()
-        )  #: silence counts from then; when to look again if nothing arrives
-        self.files: Collection[int] = ()  #: those that tell of something
+        self.error: CentralLost | None = None  #: the error that ended the module early
+        #: silence counts from *since*; the next check is at *due* if nothing arrives
+        self.since = self.due = time.monotonic()
+        self.files: Collection[int] = ()  #: become readable when something arrives
         self._link = link
         self._reconnect = reconnect
-        self._stop = stop  #: the module is to end
-        self._has_told = False  #: that it is stopped
+        self._stop = stop  #: set when the module must end
+        self._has_reported_stop = False  #: the stop has been logged and is passed on to central
         self._warned = False
-        self._keeper = _keeper
-        self._keeper.add(self)
-        stop.wakes(self._keeper.waker.set)
+        self._thread = _thread
+        self._thread.add(self)
+        stop.on_set(self._thread.waker.set)
 
     def end(self) -> None:
-        """End it, because the module's thread leaves and tells central itself. Sets *stop*."""
-        self._keeper.remove(self)
+        """Stop, because the module's thread leaves and informs central itself. Sets the module's
+        stop.
+        """
+        self._thread.remove(self)
         self._stop.set()
 
-    def is_due(self, this: Look) -> bool:
-        """Whether there is something to do."""
-        is_told = self._has_told or not self._stop.is_set()
-        return self.due <= this.now or not this.ready.isdisjoint(self.files) or not is_told
-
-    def look(self, this: Look) -> None:
-        """Do what is due."""
-        link, address, patience = (
-            self._link,
-            self._link.transport.address,
-            self._link.waiting.patience,
+    def is_due(self, current: Pass) -> bool:
+        """Return whether there is something to do."""
+        is_reported = self._has_reported_stop or not self._stop.is_set()
+        return (
+            self.due <= current.now or not current.ready.isdisjoint(self.files) or not is_reported
         )
-        if self._stop.is_set() and not self._has_told:
-            self._has_told = True
+
+    def check(self, current: Pass) -> None:
+        """Check the connection and its central, and handle a stop of the module."""
+        link, address = self._link, self._link.transport.address
+        patience = link.waiting.patience
+        if self._stop.is_set() and not self._has_reported_stop:
+            self._has_reported_stop = True
             self._link.log.info(
-                "module '%s' has stopped, and handles nothing any more", link.session.module
+                "module '%s' has stopped and handles no more messages", link.session.module
             )
             link.session.is_to_withdraw = True
-            link.transport.wake()  # if its thread waits on the connection, that reports it
-        since = max(self.since, this.heard.get(address, self.since))
+            link.transport.wake()  # a thread that waits on the connection then tells central
+        since = max(self.since, current.heard.get(address, self.since))
         quiet = quiet_within(patience, is_idle=True)
-        kept = link.keep(since, quiet * _OTHERS if address in this.asked else quiet)
-        this.heard[address] = max(since, link.session.heard)
-        if kept is None:
-            self.files, self.due = (), this.now + TEND_PERIOD
+        if address in current.asked:
+            quiet *= _OTHERS
+        result = link.keep_alive_if_idle(since, quiet)
+        current.heard[address] = max(since, link.session.heard)
+        if result is None:
+            self.files, self.due = (), current.now + CHECK_PERIOD
             return
-        this.asked.add(address)
-        silence, seconds = kept
+        current.asked.add(address)
+        silence, seconds = result
         is_silent = silence >= patience
         self.files = link.transport.files()
-        self.due = this.now + (
-            seconds if link.session.is_welcome and not is_silent else TEND_PERIOD
+        self.due = current.now + (
+            seconds if link.session.is_welcome and not is_silent else CHECK_PERIOD
         )
-        self._tell(this, is_silent=is_silent)
+        self._report(current, is_silent=is_silent)
 
-    def _tell(self, this: Look, *, is_silent: bool) -> None:
+    def _report(self, current: Pass, *, is_silent: bool) -> None:
+        """Log that central is silent or back; end the module if it does not reconnect."""
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
-            module, lost = link.session.module, link.line.lost()
+            module, lost = link.session.module, link.line.lost_error()
             self.error = CentralLost(f"module '{module}': {lost}")
             self._link.log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
         elif is_silent and not self._warned:
-            if address not in this.advice:
-                this.advice[address] = link.line.what_to_do()
+            if address not in current.advice:
+                current.advice[address] = link.line.advice()
             link.log.warning(
-                "central at %s does not answer, and is tried again: %s",
+                "central at %s does not answer; trying again: %s",
                 address,
-                this.advice[address],
+                current.advice[address],
             )
         elif not is_silent and self._warned:
             self._link.log.warning("central at %s is back", address)
         self._warned = is_silent
 
 
-class _Keeper:
-    """The thread, while there is something to keep alive."""
+class _KeepAliveThread:
+    """The thread. It runs while there is a module to keep alive."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  #: held while connections are looked at
+        self._lock = threading.Lock()  #: held during a pass
         self.waker = Waker()
-        self._kept: list[KeepAlive] = []
+        self._modules: list[KeepAlive] = []
         self._is_running = False
 
     def add(self, one: KeepAlive) -> None:
-        """From now on look after this."""
+        """Keep this module's connection alive from now on."""
         with self._lock:
-            self._kept.append(one)
+            self._modules.append(one)
             if not self._is_running:
                 self._is_running = True
-                threading.Thread(target=self._run, name="keeper", daemon=True).start()
+                threading.Thread(target=self._run, name="keep-alive", daemon=True).start()
         self.waker.set()
 
     def remove(self, one: KeepAlive) -> None:
-        """Look after it no longer."""
+        """Stop doing so."""
         with self._lock:
-            self._kept.remove(one)
+            self._modules.remove(one)
         self.waker.set()
 
     def _run(self) -> None:
@@ -143,20 +151,20 @@ class _Keeper:
         ready: set[int] = set()
         while True:
             with self._lock:
-                this = Look(time.monotonic(), ready, heard)
-                for one in self._kept:
-                    if one.is_due(this):
-                        one.look(this)
-                if not self._kept:
+                current = Pass(time.monotonic(), ready, heard)
+                for one in self._modules:
+                    if one.is_due(current):
+                        one.check(current)
+                if not self._modules:
                     self._is_running = False
                     return
-                due = min(one.due for one in self._kept)
-                files = {file for one in self._kept for file in one.files}
-                self._kept.append(self._kept.pop(0))  # they take turns to ask
+                due = min(one.due for one in self._modules)
+                files = {file for one in self._modules for file in one.files}
+                self._modules.append(self._modules.pop(0))  # modules take turns to probe central
             ready = self._wait(due, files)
 
     def _wait(self, due: float, files: Collection[int]) -> set[int]:
-        """Wait until something is due, or can be read; the files that can be."""
+        """Wait until a check is due or a file can be read; return the readable files."""
         poll = select.poll()
         for file in (self.waker.fileno(), *files):
             poll.register(file, select.POLLIN)
@@ -165,18 +173,18 @@ class _Keeper:
         now = time.monotonic()
         if now - due > STALL:
             with self._lock:
-                for one in self._kept:
-                    one.since = now  # it was this process that stood still
+                for one in self._modules:
+                    one.since = now  # this process stood still, so central's silence proves nothing
         return {file for file, _ in ready}
 
 
-_keeper = _Keeper()
+_thread = _KeepAliveThread()
 
 
-def _begin_anew() -> None:
-    """A forked child has none of the threads, nor of the modules."""
-    global _keeper  # noqa: PLW0603
-    _keeper = _Keeper()
+def _reset_after_fork() -> None:
+    """Start afresh in a forked child: it has neither the thread nor the modules."""
+    global _thread  # noqa: PLW0603
+    _thread = _KeepAliveThread()
 
 
-os.register_at_fork(after_in_child=_begin_anew)
+os.register_at_fork(after_in_child=_reset_after_fork)

@@ -1,6 +1,4 @@
-"""A connection belongs to one thread, and to the process that opened it: it can't be pickled, nor
-used after a fork.
-"""
+"""The check that a connection is used only by its thread and in the process that opened it."""
 
 import os
 import threading
@@ -17,63 +15,69 @@ SEND_WITH_YOUR_OWN = (
 )
 
 
-class OfOneThread:
-    """The part of a Connection that refuses its use elsewhere. Whatever users hold leads to it."""
+class ThreadBound:
+    """The part of a Connection that refuses use in other threads and processes.
+
+    Everything that users hold leads to it, so each of their calls is checked.
+    """
 
     session: Session
 
     def __init__(self) -> None:
-        self._lock: Any = (
-            threading.RLock()
-        )  # against threads that only keep it alive, and send what is late
+        # other threads lock it to keep the connection alive and to send late replies
+        self._lock: Any = threading.RLock()
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         _opened_here.add(self)
 
     def __reduce__(self) -> Any:
-        what = f"what uses the connection of '{self.session.module}' can't be pickled or copied"
+        what = (
+            f"an object with the connection of '{self.session.module}' can't be pickled or copied"
+        )
         raise MisuseError(f"{what}: send a task's id, and use connect().task(id) where it arrives")
 
     @property
-    def is_mine(self) -> bool:
-        """Whether it belongs to the calling thread."""
+    def is_own_thread(self) -> bool:
+        """Whether the calling thread owns this connection."""
         return threading.get_ident() == self._owner
 
     def check_thread(
         self, used: object = None, owns: str = "opened it", remedy: str = SEND_WITH_YOUR_OWN
     ) -> None:
-        """Raise MisuseError in another thread. Names what is *used*, why its thread *owns* it, and
-        the remedy.
+        """Raise MisuseError in another thread.
+
+        The error names the *used* object, why its thread *owns* it, and the remedy.
         """
         if threading.get_ident() != self._owner:
             self.check_process()
             what = used or f"a connection of module '{self.session.module}'"
             where = f"is used in thread '{threading.current_thread().name}'"
-            raise MisuseError(
-                f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}"
-            )
+            owner = f"belongs to thread '{self._owner_name}', which {owns}"
+            raise MisuseError(f"{what} {where}, but {owner}: {remedy}")
 
-    def mine(self) -> AbstractContextManager[object]:
-        """The lock, for a block in its own thread. Raises MisuseError in others, before it is
-        taken: a thread that serves keeps it for ever.
+    def locked(self) -> AbstractContextManager[object]:
+        """Return the lock, for a ``with`` block in the owning thread.
+
+        Raises MisuseError in other threads before locking: a thread that serves holds the lock for
+        ever.
         """
         self.check_thread()
         lock: AbstractContextManager[object] = self._lock
         return lock
 
-    def be_inherited(self) -> None:
-        """This process was forked from the one that opened it. From now on no thread owns it, and
-        no lock of it opens:
-        so the checks of threads, which are made anyhow, find it out.
+    def mark_inherited(self) -> None:
+        """Mark this connection as inherited by a forked process: no thread owns it, no lock opens.
+
+        The thread checks that every call makes then report the fork.
         """
         self._owner, self._lock = _NO_THREAD, _NoLock(self)
 
     @property
     def is_inherited(self) -> bool:
-        """Whether another process has opened it."""
+        """Whether another process has opened this connection."""
         return self._owner == _NO_THREAD
 
     def check_process(self) -> None:
-        """Raise MisuseError in a process that was forked from the one that opened it."""
+        """Raise MisuseError in a process that was forked from the opening one."""
         if self.is_inherited:
             what = f"the connection of '{self.session.module}' is used in process {os.getpid()}"
             raise MisuseError(
@@ -82,11 +86,12 @@ class OfOneThread:
 
 
 class _NoLock:
-    """The lock of an inherited connection. The real one may have been held when the process was
-    forked.
+    """The lock of an inherited connection: it raises.
+
+    Another thread may have held the real lock when the process was forked.
     """
 
-    def __init__(self, connection: OfOneThread) -> None:
+    def __init__(self, connection: ThreadBound) -> None:
         self._connection = connection
 
     def acquire(self, **_: object) -> None:
@@ -98,13 +103,13 @@ class _NoLock:
     def __exit__(self, *_: object) -> None: ...
 
 
-_opened_here: WeakSet[OfOneThread] = WeakSet()
+_opened_here: WeakSet[ThreadBound] = WeakSet()
 
 
 def _inherit() -> None:
-    """A forked child opens its own."""
+    """Mark all connections as inherited in a forked child, which must open its own."""
     for connection in list(_opened_here):
-        connection.be_inherited()
+        connection.mark_inherited()
     _opened_here.clear()
 
 

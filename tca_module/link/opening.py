@@ -1,4 +1,4 @@
-"""Opens a connection: to a central behind a socket, or in this process."""
+"""Opens a connection to a central behind a socket, or to one in this process."""
 
 import os
 import socket
@@ -25,11 +25,11 @@ class CentralNearby(Protocol):
     """A central that is reached without a socket, such as LocalCentral."""
 
     def transport(self) -> Transport:
-        """A new connection to it."""
+        """Return a new connection to it."""
 
 
 CentralAddress = str | CentralNearby | None
-"""Central's address: of ZeroMQ, in this process, or None: $TCA_CENTRAL or the default socket."""
+"""A ZeroMQ address, a central in this process, or None: $TCA_CENTRAL or the default socket."""
 
 
 def open_connection(
@@ -40,8 +40,10 @@ def open_connection(
     direct: Iterable[Message[Any, Any]] = (),
     attachments: LastingAttachments | None = None,
 ) -> Connection:
-    """A connection that central has welcomed; it takes the messages *direct* straight from their
-    senders, too. Raises CentralLost if nobody answers for *patience* seconds.
+    """Open a connection and return it when central has welcomed it.
+
+    Senders may send the messages *direct* straight to this connection. Raises CentralLost if
+    central does not answer within *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
@@ -64,21 +66,21 @@ def _connection_by_socket(
     direct: list[Message[Any, Any]],
     attachments: LastingAttachments | None,
 ) -> Connection:
-    transport, door = DealerTransport(address), None
+    transport, entrance_socket = DealerTransport(address), None
     hello = msgspec.structs.replace(hello, pulse=transport.pulse)
     if direct:
         try:
-            door = EntranceSocket(address)
-            hello = msgspec.structs.replace(hello, entrance=door.entrance)
+            entrance_socket = EntranceSocket(address)
+            hello = msgspec.structs.replace(hello, entrance=entrance_socket.entrance)
         except OSError as error:
             log = log_of(hello.module)
             log.warning(
-                "nothing can come to '%s' directly (%s): all goes through central",
+                "'%s' can't receive direct messages (%s): all go through central",
                 hello.resource,
                 error,
             )
     session = Session(hello, attachments)
-    without_central = DirectMessages(session, transport, door, direct)
+    without_central = DirectMessages(session, transport, entrance_socket, direct)
     return Connection(transport, session, patience=patience, direct=without_central)
 
 
@@ -89,7 +91,9 @@ def hello(
     incarnation: str = "",
     hung_after: float = 0.0,
 ) -> Hello:
-    """The introduction of a connection; *incarnation* names one run of a module ("": a new one)."""
+    """Return the introduction of a connection. *incarnation* names one run of a module ("": a new
+    run).
+    """
     process = f"{socket.gethostname()}:{os.getpid()}"
     prefetch = PREFETCH if resource else 0
     return Hello(

@@ -1,35 +1,36 @@
-"""Tells the threads of a module that it is to end."""
+"""The signal to the threads of a module that the module must end."""
 
 import threading
 from collections.abc import Callable
 
 
 class Stop(threading.Event):
-    """Set when a module is to end; whoever waits for something else meanwhile is woken."""
+    """Set when a module must end. Setting it also wakes threads that wait for something else."""
 
     def __init__(self) -> None:
         super().__init__()
         self._wakes: list[Callable[[], None]] = []
 
-    def wakes(self, wake: Callable[[], None]) -> None:
-        """From now on call this, too, when it is set."""
+    def on_set(self, wake: Callable[[], None]) -> None:
+        """Call *wake*, too, when this is set."""
         self._wakes.append(wake)
         if self.is_set():
             wake()
 
     def set(self) -> None:
-        """Have the module end."""
+        """Make the module end."""
         super().set()
         for wake in list(self._wakes):
             wake()
 
-    def note(self) -> None:
-        """Have it end, from a signal's handler, which must take no lock: who waits for this wakes
-        the others.
+    def set_from_signal(self) -> None:
+        """Set this from a signal handler, which must take no lock.
+
+        The thread that waits for this event wakes the others.
         """
         super().set()
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Reset for the next run."""
         super().clear()
         self._wakes.clear()

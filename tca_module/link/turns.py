@@ -1,8 +1,8 @@
-"""Turns of a slot: it handles what it has ahead one after the other, for a moment, and answers all
-of it at once.
+"""Turns of a slot: it handles prefetched messages one after the other and sends their replies
+together.
 
-While a handler of a turn runs the connection is not locked: if that takes long, another thread
-sends the replies of those before it.
+While a handler runs, the connection is not locked. If the handler takes long, another thread sends
+the replies of the messages before it.
 """
 
 import os
@@ -13,9 +13,9 @@ from collections.abc import Callable
 from tca_module.link.packet_line import PacketLine
 from tca_wire.packets.headers import Deliver
 
-QUICK = 0.001  # seconds after which a turn takes no further message
-LATE = 0.02  # seconds between two looks for replies that wait for a handler which takes long
-_IDLE = 50  # looks in vain after which the thread ends
+QUICK = 0.001  # seconds after which a turn starts no further message
+LATE = 0.02  # seconds between two checks for replies that wait for a slow handler
+_IDLE = 50  # checks without work after which the thread ends
 
 
 class Turns:
@@ -27,14 +27,16 @@ class Turns:
         self._lock = lock
         self._is_watched = False
 
-    def take(self, goes_on: Callable[[], bool], handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle the first message that is ahead, and more for as long as it *goes on*."""
+    def run(
+        self, may_continue: Callable[[], bool], handle: Callable[[Deliver, bytes], None]
+    ) -> None:
+        """Handle the first prefetched message, and more while *may_continue* and time allow."""
         session, until = self._session, self._line.clock() + QUICK
         try:
             while True:
-                header, body = session.ahead.popleft()
-                session.held.begin(header.delivery, self._line.time())
-                if session.held.ended and not self._is_watched:
+                header, body = session.prefetched.popleft()
+                session.held_replies.begin(header.delivery, self._line.time())
+                if session.held_replies.ended and not self._is_watched:
                     self._is_watched = True
                     _watcher.add(self)
                 self._lock.release()
@@ -42,18 +44,17 @@ class Turns:
                     handle(header, body)
                 finally:
                     self._lock.acquire()
-                if self._line.clock() >= until or not goes_on():
+                if self._line.clock() >= until or not may_continue():
                     break
         finally:
-            session.held.stop()
+            session.held_replies.stop()
         self._line.flush()
 
-    def send_late(self) -> bool:
-        """Send the replies that wait; False if there were none. For another thread."""
-        self._is_watched = (
-            False  # before it looks: a turn holds a reply, and then asks to be watched
-        )
-        if self._session.held.ended:
+    def send_late_replies(self) -> bool:
+        """Send the replies that wait, from another thread. Returns False if there were none."""
+        # First, because a turn adds its reply before it tests this flag.
+        self._is_watched = False
+        if self._session.held_replies.ended:
             self._is_watched = True
             if self._lock.acquire(blocking=False):
                 try:
@@ -64,7 +65,7 @@ class Turns:
 
 
 class _Watcher:
-    """A thread that looks after turns, as long as there are any in which replies wait."""
+    """The thread that sends late replies, as long as there are turns in which replies wait."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -72,7 +73,7 @@ class _Watcher:
         self._is_running = False
 
     def add(self, turns: Turns) -> None:
-        """Look after this, until no replies wait."""
+        """Watch these turns until no replies wait."""
         with self._lock:
             self._watched[turns] = None
             if not self._is_running:
@@ -85,17 +86,19 @@ class _Watcher:
             time.sleep(LATE)
             with self._lock:
                 idle = 0 if self._watched else idle + 1
-                self._watched = {turns: None for turns in self._watched if turns.send_late()}
+                self._watched = {
+                    turns: None for turns in self._watched if turns.send_late_replies()
+                }
                 self._is_running = idle < _IDLE
 
 
 _watcher = _Watcher()
 
 
-def _begin_anew() -> None:
-    """A forked child has none of the threads."""
+def _reset_after_fork() -> None:
+    """Start afresh in a forked child, which has none of the threads."""
     global _watcher  # noqa: PLW0603
     _watcher = _Watcher()
 
 
-os.register_at_fork(after_in_child=_begin_anew)
+os.register_at_fork(after_in_child=_reset_after_fork)

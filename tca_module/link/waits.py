@@ -1,8 +1,7 @@
-"""The waits of one connection: for answers, for news, for callbacks, for time. What its thread does
-meanwhile stands in wait_loop.
+"""The waits of one connection: for answers, changes, callbacks, and time.
 
-What central delivers while it waits is handled within the wait: so a handler may ask its own
-resource.
+wait_loop has the loop that runs in the meantime. Messages that central delivers during a wait are
+handled within the wait, so a handler may query its own resource.
 """
 
 import contextlib
@@ -15,7 +14,7 @@ from typing import Any, Self
 from tca_module.checks import BRIEF, TIMEOUT, check
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError
-from tca_module.link.one_thread import OfOneThread
+from tca_module.link.one_thread import ThreadBound
 from tca_module.link.packet_line import PacketLine
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.log import log_of
@@ -27,57 +26,58 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Await
 
-PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
-_REST_WITHIN = 1.0  # seconds in which the rest arrives of what central says at one time
-_WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
+PATIENCE = 10.0  # seconds of central's silence after which a wait raises CentralLost
+_REST_WITHIN = 1.0  # seconds within which the rest of central's packets of one event arrive
+_WHY_WITHIN = 0.2  # seconds that central has to say why an answer is missing
 
 
 @dataclass(slots=True)
-class ToldWait:
-    """A wait of which central is told as long as it lasts: for news of an observation, or for the
-    first of several answers; used in a ``with`` block. Without requests none is told.
+class AnnouncedWait:
+    """A wait that central is informed of, for changes or for the first of several answers.
 
-    Of all other waits central knows by the requests themselves. Nothing is sent if there is nothing
-    to wait for: a wait is told when it has looked in vain at all that has come. It says how much
-    that was, so that central, which may have sent more, never takes a handler for waiting that is
-    about to go on. News ends the wait for central, too.
+    Used as a ``with`` block. Central knows all other waits by their requests; without *requests*,
+    nothing is sent.
+
+    A wait is announced only after it has found nothing in all packets that arrived. The
+    announcement says how many answers had arrived. If central has sent more, it does not count the
+    handler as waiting: the handler is about to continue. An answer ends the wait for central, too.
     """
 
     connection: "Waits"
     requests: Sequence[Request]
     brief: bool
-    """It may end by itself, or soon does: no deadlock."""
+    """The wait ends soon without help, so it is no deadlock."""
     blocking: bool = True
-    told: tuple[list[int], int] | None = None
-    """The requests, and the number of answers to observations among them, as central was told."""
+    announced: tuple[list[int], int] | None = None
+    """The announced request numbers, and the number of changes that had arrived by then."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """It is over. Central knows, if an answer ended it; requests that are no observations are
-        given up.
+        """End the wait, and inform central if nothing else shows it the end.
+
+        An answer that ended the wait shows it. Requests that are not observations are given up
+        anyway.
         """
         if (
-            self.told is not None
-            and self.told == self._now
+            self.announced is not None
+            and self.announced == self._now
             and isinstance(self.requests[0].header, Observe)
         ):
             self._post(-1)
             self.connection.line.flush(0.0, is_patient=True)
 
     def until(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
-        """*is_over*, with central told whenever it is not."""
-        return (lambda: is_over() or self._tell()) if self.requests else is_over
+        """Return *is_over*, extended so that central is informed whenever it is False."""
+        return (lambda: is_over() or self._announce()) if self.requests else is_over
 
-    def _tell(self) -> bool:
-        """There is nothing new: have central told, unless it knows, or something is called first.
-        Always False.
-        """
-        if not (self.blocking and self.connection.waiting.has_news):
+    def _announce(self) -> bool:
+        """Announce the wait, unless central knows it or a call is pending. Always returns False."""
+        if not (self.blocking and self.connection.waiting.has_pending_call):
             now = self._now
-            if now is not None and now != self.told:
-                self.told = now
+            if now is not None and now != self.announced:
+                self.announced = now
                 self._post(now[1])
         return False
 
@@ -88,8 +88,9 @@ class ToldWait:
 
     @property
     def _now(self) -> tuple[list[int], int] | None:
-        """What to tell; None if an answer is under way: the last one, or the first, of how things
-        stand.
+        """The announcement to make; None while a deciding answer is on its way.
+
+        A deciding answer is the last one of a request, or the first one of an observation.
         """
         observed = [one for one in self.requests if isinstance(one.header, Observe)]
         is_asked = all(
@@ -102,10 +103,11 @@ class ToldWait:
         return [one.header.number for one in self.requests], sum(one.seen for one in observed)
 
 
-class Waits(OfOneThread):
-    """The part of a Connection that waits. In a handler each wait raises TaskKilled, once, if its
-    task was killed, and Stopped, once, if its module ends. All raise CentralLost if central is
-    silent for too long.
+class Waits(ThreadBound):
+    """The part of a Connection that waits.
+
+    In a handler each wait raises TaskKilled, once, if the task was killed, and Stopped, once, if
+    the module ends. All raise CentralLost if central is silent for longer than the patience.
     """
 
     def __init__(
@@ -120,19 +122,19 @@ class Waits(OfOneThread):
         super().__init__()
         self.session = session
         self.transport = transport
-        self.direct = direct or DirectMessages(session)  #: messages sent without central
-        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = (
-            None  #: in asyncio
-        )
-        self.await_moment: Callable[[float], Awaitable[None]] | None = (
-            None  #: of the transport's clock; in asyncio
-        )
-        self.now = clock  #: seconds; it never jumps
+        #: sends and receives messages without central
+        self.direct = direct or DirectMessages(session)
+        #: awaits news of a request; set by the event loop of ``async def`` handlers
+        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None
+        #: sleeps until a time of the handlers' clock; also set by the event loop
+        self.await_moment: Callable[[float], Awaitable[None]] | None = None
+        self.now = clock  #: a monotonic clock, in seconds
         self.line = PacketLine(session, transport, self.direct, clock)
         self.waiting = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
-        self._declared: dict[str, Message[Any, Any]] = {}  # of which central has been told, by name
+        # by name: the messages that central knows from here
+        self._declared: dict[str, Message[Any, Any]] = {}
 
     # --- for answers ------------------------------------------------------------------------------
 
@@ -143,14 +145,16 @@ class Waits(OfOneThread):
         what: object,
         is_over: Callable[[], bool] | None = None,
         since: float | None = None,
-        told: ToldWait | None = None,
+        told: AnnouncedWait | None = None,
     ) -> bool:
-        """Wait until a request is over, or *is_over* says that enough has come; whether it did in
-        time. *since*, *told* when this wait began, and as what, if it goes on with one.
+        """Wait until a request is over, or *is_over* is true; return whether that came in time.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for
-        too long; in a handler once TaskKilled if its task was killed, and once Stopped if its
-        module ends.
+        *since* and *told* are the start and the announcement of an earlier wait that this one
+        continues.
+
+        Raises Refused if central refused the request, and CentralLost if it was lost or central is
+        silent for longer than the patience. In a handler, raises TaskKilled once if its task was
+        killed, and Stopped once if its module ends.
         """
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
@@ -159,12 +163,12 @@ class Waits(OfOneThread):
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
                 is_followed = timeout != 0 and isinstance(request.header, Observe)
-                with told or ToldWait(
+                with told or AnnouncedWait(
                     self, [request] * is_followed, timeout is not None and timeout < BRIEF
                 ) as wait:
-                    is_told = wait.until(is_done)
-                    came = is_done() or self.waiting.unless_woken(
-                        is_told, timeout, what, request, since=since
+                    condition = wait.until(is_done)
+                    is_in_time = is_done() or self.waiting.unless_woken(
+                        condition, timeout, what, request, since=since
                     )
             except CentralLost as error:
                 self.abandon(request)
@@ -174,30 +178,32 @@ class Waits(OfOneThread):
             except BaseException:
                 self.abandon(request)
                 raise
-            if (
-                request.refused is not None and not request.what
-            ):  # perhaps because of what was sent before
+            # An earlier refused send may be the cause: raise that error instead.
+            if request.refused is not None and not request.what:
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
-            return came
+            return is_in_time
 
     def until_over(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
     ) -> Generator[Any, None, None]:
-        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait``
-        does. With *is_over* the request goes on if the wait is broken off.
+        """Await the end of a request in an async handler. Raises what ``wait`` does.
+
+        With *is_over*, cancelling the wait does not give up the request.
         """
         is_done = is_over or (lambda: request.is_over)
         if self.await_news is None:
-            msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
-            raise MisuseError(msg)
+            raise MisuseError(
+                f"{what} is awaited outside of an async handler:"
+                " wait for it with receive(), result() or wait()"
+            )
         self.announce(request, blocking=False)
         try:
-            with ToldWait(
+            with AnnouncedWait(
                 self, [request] * isinstance(request.header, Observe), brief=False, blocking=False
             ) as told:
-                is_told = told.until(is_done)
-                while not is_told():
+                condition = told.until(is_done)
+                while not condition():
                     yield from self.await_news(request)
         except BaseException:
             if is_over is None:
@@ -206,8 +212,8 @@ class Waits(OfOneThread):
         request.check(what)
 
     def announce(self, request: Request, *, blocking: bool = True) -> None:
-        """Tell central, if it does not know, that the answer to a question is waited for from now
-        on.
+        """Inform central, if it does not know, that the sender now waits for the answer to a
+        question.
         """
         with self._lock:
             if not request.is_unannounced:
@@ -217,17 +223,18 @@ class Waits(OfOneThread):
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                if blocking:  # else its event loop sends what has come together
+                # Otherwise, the event loop sends the announcements of all its coroutines together.
+                if blocking:
                     self.line.flush()
 
     def abandon(self, request: Request) -> None:
-        """Give a request up: nobody waits for its answer any more."""
-        with self.mine():
+        """Give up a request: its answer is no longer wanted."""
+        with self.locked():
             given_up.abandon(self.session, request)
             self.line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
-        """Give up a request that took too long; the reason of the delay ("": unknown)."""
+        """Give up a request that took too long; return the reason of the delay ("" if unknown)."""
         with self._lock:
             if silence := self.silence:
                 self.abandon(request)
@@ -237,40 +244,43 @@ class Waits(OfOneThread):
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)
-            request.answers += asked.answers  # a multi-query's may be a failure
+            request.answers += asked.answers  # for a multi-query, this may be a failure
             return asked.answers[-1][0].text if asked.answers else ""
 
-    def mark_told(self) -> None:
-        """The waiting handler is about to get an error, and so has been told of a kill."""
-        self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
+    def mark_notified(self) -> None:
+        """Record that the waiting handler is about to get an error, and so knows of a kill."""
+        self.session.open_deliveries.mark_notified(self.session.open_deliveries.waiting_handler())
 
     # --- for anything else ------------------------------------------------------------------------
 
     def serve(
         self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None
     ) -> None:
-        """Handle deliveries until *is_over*, however long central is silent. *idle* is called in
-        between, with the seconds that it may take; False: it did nothing.
+        """Handle deliveries until *is_over*, however long central is silent.
+
+        Between messages, *idle* is called with the seconds that it may wait. It returns False if it
+        did not wait.
         """
-        with self.mine():
+        with self.locked():
             self.waiting.serve(is_over, idle)
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait``
-        does.
+        """Wait until *is_over*, and call callbacks in the meantime; return whether it is over.
+
+        Raises what ``wait`` does.
         """
         self.check_thread()
         check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
             if self.waiting.is_calling_back:
                 raise MisuseError(
-                    "a callback waits for another one: they are called one after the other"
+                    "a callback waits for another callback, but only one callback runs at a time"
                 )
             return is_over() or self.waiting.unless_woken(is_over, timeout, "a callback")
 
     def pause(self, seconds: float, what: str) -> None:
-        """Let so many seconds pass, for *what*. Raises what ``wait`` does."""
-        with self.mine():
+        """Wait for *seconds*, on behalf of *what*. Raises what ``wait`` does."""
+        with self.locked():
             self.waiting.unless_woken(lambda: False, seconds, what)
 
     def wait_until(
@@ -280,25 +290,29 @@ class Waits(OfOneThread):
         moment: float | None = None,
         on: Sequence[Request] = (),
     ) -> bool:
-        """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is.
-        ``call_soon`` has it look again, and so has news of what is waited *on*, of which central is
-        told. Raises what ``wait`` does.
+        """Wait until *is_over*, at most until *moment* of the handlers' clock; return whether it is
+        over.
+
+        The condition is tested again after each ``call_soon``, and at each change of the requests
+        in *on*; central is informed of a wait for these. Raises what ``wait`` does.
         """
-        with self.mine():
+        with self.locked():
             self.line.catch_up()
-            with ToldWait(self, on, brief=True) as told:
-                return self.waiting.in_turn(
+            with AnnouncedWait(self, on, brief=True) as told:
+                return self.waiting.wait_repeatedly(
                     told.until(is_over), what, math.inf if moment is None else moment
                 )
 
-    def hear_out(self, request: Request) -> None:
-        """Take in the end of a request, which central has told by now, and call what is due because
-        of it. Wakes no handler, and raises nothing if it does not come.
+    def wait_for_end(self, request: Request) -> None:
+        """Wait for the end of a request that central has already sent, and make the calls due
+        because of it.
+
+        Wakes no handler, and raises nothing if the end does not arrive.
         """
-        with self.mine():
+        with self.locked():
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: request.is_over, _REST_WITHIN)
-            self.attend()
+            self.process_pending()
 
     @property
     def silence(self) -> str:
@@ -308,38 +322,40 @@ class Waits(OfOneThread):
     # --- without waiting --------------------------------------------------------------------------
 
     def catch_up(self) -> None:
-        """Take in what has arrived. Never waits."""
-        with self.mine():
+        """Process arrived packets. Never waits."""
+        with self.locked():
             self.line.catch_up()
 
-    def attend(self) -> None:
-        """Take in what has arrived, and call what is due because of it. Never waits."""
-        with self.mine():
+    def process_pending(self) -> None:
+        """Process arrived packets, and make the calls due because of them. Never waits."""
+        with self.locked():
             self.line.catch_up()
-            while self.waiting.has_news:
-                self.waiting.take_news()
+            while self.waiting.has_pending_call:
+                self.waiting.run_pending_call()
 
     def flush(self) -> None:
-        """Send what is to be said."""
+        """Send the outgoing headers."""
         with self._lock:
             self.line.flush()
 
-    def tend(self, since: float) -> float:
-        """Keep the connection alive while its own thread is busy; the seconds of central's
+    def keep_alive(self, since: float) -> float:
+        """Keep the connection alive while its own thread is busy; return the seconds of central's
         silence.
         """
         with self._lock:
             self.line.catch_up(since, quiet_within(self.waiting.patience))
             return self.now() - max(self.session.heard, since)
 
-    def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """``tend`` for another thread, while nothing is asked here; the seconds of central's
-        silence, and in how many there is something to do. None: its own thread uses it.
+    def keep_alive_if_idle(self, since: float, quiet: float) -> tuple[float, float] | None:
+        """Do as ``keep_alive`` from another thread, if the connection is idle.
+
+        Returns the seconds of central's silence, and the seconds until something is due. Returns
+        None if the own thread uses the connection.
         """
         if not self._lock.acquire(blocking=False):
             return None
         try:
-            self.transport.has_arrived()  # from now on its files tell of news
+            self.transport.has_arrived()  # resets the files, so that they signal new packets
             due = self.line.catch_up(since, quiet)
             silence = self.now() - max(self.session.heard, since)
             return silence, self.waiting.seconds_to(due, since, silence)
@@ -347,14 +363,18 @@ class Waits(OfOneThread):
             self._lock.release()
 
     def call_soon(self, function: Callable[[], None]) -> None:
-        """Have the thread of this connection call a function in its present or next wait; from any
-        thread.
+        """Call a function in the connection's thread, in its present or next wait.
+
+        May be called from any thread.
         """
         self.check_process()
-        self.session.news.append(function)
+        self.session.pending_calls.append(function)
         self.transport.wake()
 
     def wake(self) -> None:
-        """Have the thread of this connection look again at what it waits for; from any thread."""
+        """Make the connection's thread test again what it waits for.
+
+        May be called from any thread.
+        """
         self.check_process()
         self.transport.wake()

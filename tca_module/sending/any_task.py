@@ -9,7 +9,7 @@ from tca_module.checks import LateText, check, is_brief
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
-from tca_module.link.waits import ToldWait
+from tca_module.link.waits import AnnouncedWait
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.request import Request
 
@@ -102,7 +102,10 @@ def _wait(
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
-    wait, started = ToldWait(connection, [] if timeout == 0 else requests, brief), connection.now()
+    wait, started = (
+        AnnouncedWait(connection, [] if timeout == 0 else requests, brief),
+        connection.now(),
+    )
     since = now = started
     longest_step = math.inf if until is None else _PERIOD
     while not is_over() and not (until is not None and until()):

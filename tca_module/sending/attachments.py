@@ -25,7 +25,7 @@ class AttachmentRef:
     ) -> None:
         self._connection = connection
         self._attachments = connection.session.attachments
-        self._lasting = self._attachments.of(header)
+        self._lasting = self._attachments.find(header)
         self._number = number  # of an attachment to a task; the lasting ones know their own
         self._origin = header.origin
 

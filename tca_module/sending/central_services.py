@@ -158,7 +158,7 @@ class CentralServices:
         """
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        request = connection.answered(
+        request = connection.ask_central(
             headers.GetVariable(0, variable.name), f"variable '{variable.name}'"
         )
         if body := request.answers[-1][1]:
@@ -194,7 +194,7 @@ class CentralServices:
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = headers.SetVariable(0, variable.name, self._origin, swap=True)
-        request = connection.answered(header, f"exchanging variable '{variable.name}'", body)
+        request = connection.ask_central(header, f"exchanging variable '{variable.name}'", body)
         previous = request.answers[-1][1]
         return variable.decode_data(previous) if previous else default
 
@@ -344,7 +344,7 @@ class CentralServices:
 
     def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
         """Return central's report on a topic, encoded."""
-        request = self._connection().answered(
+        request = self._connection().ask_central(
             headers.Ask(0, topic), f"the question for {topic}", within=within
         )
         return request.answers[-1][1]

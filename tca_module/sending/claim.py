@@ -55,7 +55,7 @@ class Claim:
 
         Check it before each step that relies on the claim.
         """
-        return not (self._is_released or self._connection.is_taken(self._request))
+        return not (self._is_released or self._connection.is_lock_lost(self._request))
 
     def release(self) -> None:
         """Release the claim. Releasing it again does nothing.
@@ -65,12 +65,12 @@ class Claim:
             CentralLost: central does not answer; central learns of the release later.
             MisuseError: another thread made the claim.
         """
-        if not self._release() and self._request.taken:
+        if not self._release() and self._request.why_lock_lost:
             raise self._lost_error()
 
     def _lost_error(self) -> LockLost:
         """Return the LockLost for this claim."""
-        reason = self._request.taken or (
+        reason = self._request.why_lock_lost or (
             "central does not know it any more: the connection was broken"
         )
         return LockLost(

@@ -330,7 +330,7 @@ class SteerableTask(TaskIntervals, NamedTask):
                 else "the question for the tasks"
             )
         )
-        request = self._connection().answered(header, what)
+        request = self._connection().ask_central(header, what)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             yield TaskInfo.from_row(row, request.epoch)
 

@@ -355,7 +355,7 @@ class Task(Sender, TaskNode, ReportingTask):
         acknowledged all sends: central cannot report them to that handler later.
         """
         if self._link is not None:
-            self._link.settle(self._origin, wait=self.delivery < 0)
+            self._link.raise_send_errors(self._origin, wait=self.delivery < 0)
 
     def returned(self) -> None:
         """The handler has returned: this Task sends nothing more."""

@@ -137,7 +137,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         and raises Refused if central refused the task.
         """
         if isinstance(self._task_id, SentId):
-            self._task_id = TaskId(self._task_id.known)
+            self._task_id = TaskId(self._task_id.assigned_id)
         return self._task_id
 
     @property
@@ -419,8 +419,8 @@ class SentTask(TaskRef, Generic[R]):
         """
         is_new = self._end is None
         answer, body = self._await_end(timeout)
-        if is_new and not answer.outcome.lets_go_on:
-            self._connection().mark_told()
+        if is_new and not answer.outcome.lets_successors_continue:
+            self._connection().mark_notified()
         return self._result(answer, body)
 
     def __await__(self) -> Generator[Any, None, R]:

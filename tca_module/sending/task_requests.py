@@ -115,7 +115,9 @@ class ServerState:
         """*accepts*: the handler itself accepts the task."""
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
-        self.is_conversing = False  #: a Server's methods answer requests: no wait returns them
+        self.has_request_methods = (
+            False  #: a Server's methods answer requests: no wait returns them
+        )
         #: A weak reference to the function that is called when the task is stopped.
         self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None
         self._is_started_by_refusal = False
@@ -143,8 +145,8 @@ class ServerState:
 
     def _wake(self) -> None:
         """Wake the coroutine that waits for requests."""
-        if self._awaited.wakes is not None:
-            self._awaited.wakes()
+        if self._awaited.wake is not None:
+            self._awaited.wake()
 
     # --- requests of clients ----------------------------------------------------------------------
 
@@ -178,12 +180,12 @@ class ServerState:
     @property
     def has_new(self) -> bool:
         """Whether there is a request that no wait has returned yet."""
-        if self.is_conversing:
+        if self.has_request_methods:
             return False
         self._read_requests()
         return any(not request.is_delivered for request in self._open)
 
-    def take_new(self) -> TaskRequest | None:
+    def pop_new_request(self) -> TaskRequest | None:
         """Return the oldest open request that no wait has returned yet; None without any."""
         with self._lock:
             self._read_requests()
@@ -335,7 +337,7 @@ class ServerState:
         self._state = row.target
         header = ChangeState(0, self._task, row.name, self._serial, why, self._origin)
         send = partial(self._connection.send_change, header, body, f"'{row.name}' of {self}")
-        if self._connection.is_mine:
+        if self._connection.is_own_thread:
             send()
         else:
             self._connection.call_soon(partial(self._send_late, send))
@@ -354,10 +356,10 @@ class ServerState:
     def wait(self, timeout: float | None) -> TaskRequest | None:
         """Wait for the next request that no wait has returned yet; None after *timeout* seconds."""
         connection = self._connection
-        connection.attend()  # reads what has arrived, also with a timeout of 0
+        connection.process_pending()  # reads what has arrived, also with a timeout of 0
         moment = None if timeout is None else connection.transport.time() + timeout
         connection.wait_until(lambda: self.has_new, f"a request to {self}", moment)
-        return None if self.is_conversing else self.take_new()
+        return None if self.has_request_methods else self.pop_new_request()
 
     async def next_request(self) -> TaskRequest:
         """Await the next request that no wait has returned yet, without a timeout."""
@@ -365,7 +367,7 @@ class ServerState:
             self._awaited, f"a request to {self}", lambda: self.has_new
         )
         await awaited(waiting)
-        request = self.take_new()
+        request = self.pop_new_request()
         assert request is not None
         return request
 

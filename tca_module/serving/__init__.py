@@ -1,1 +1,1 @@
-"""A module at work: threads, handlers, callbacks, coroutines."""
+"""Handling messages: handlers, servers, callbacks, and the threads that run them."""

@@ -1,4 +1,4 @@
-"""The annotation of a handler's data, beside the type that its message declares."""
+"""Checks the annotation of a handler's data against the type that its message declares."""
 
 import inspect
 from collections.abc import Callable
@@ -11,8 +11,10 @@ from tca_wire.messages.formats import type_name
 
 
 def check_annotation(name: str, function: Callable[..., Any], message: Message[Any, Any]) -> None:
-    """Raise MisuseError if a handler's data are annotated with a type that they never have. What
-    can't be told, such as a type that is imported for type checkers only, passes.
+    """Raise MisuseError if a handler's data is annotated with a type that it never has.
+
+    An annotation that can't be judged passes, such as a type that is imported for type checkers
+    only.
     """
     try:
         parameter = list(inspect.signature(function).parameters)[1]
@@ -21,19 +23,21 @@ def check_annotation(name: str, function: Callable[..., Any], message: Message[A
     except Exception:  # noqa: BLE001 - annotations may be anything, and need not be there
         return
     if not _may_be(message.data.kind, hint):
-        wrong = f"{name} takes {parameter}: {type_name(hint)}, and {message.title} has data of type {message.data}"
-        raise MisuseError(f"{wrong}: annotate {parameter} with that")
+        raise MisuseError(
+            f"{name} takes {parameter}: {type_name(hint)}, but {message.title} has data of type"
+            f" {message.data}: annotate {parameter} with that"
+        )
 
 
 def _may_be(kind: Any, hint: Any) -> bool:
-    """Whether a value of type *kind* may be one of type *hint*: False only where that is
+    """Return whether a value of type *kind* may be one of type *hint*; False only if that is
     certain.
     """
     return all(any(_is_like(one, other) for other in _members(hint)) for one in _members(kind))
 
 
 def _members(kind: Any) -> tuple[Any, ...]:
-    """The types of a union; without what Annotated adds for others."""
+    """Return the types of a union, without the metadata of Annotated."""
     if get_origin(kind) is Annotated:
         return _members(get_args(kind)[0])
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
@@ -54,5 +58,5 @@ def _is_class_of(kind: Any, hint: Any) -> bool:
         return issubclass(kind, hint) or (
             hint in (float, complex) and issubclass(kind, int | float)
         )
-    except TypeError:  # of a Protocol, for example
+    except TypeError:  # for example, of a Protocol
         return True

@@ -1,6 +1,4 @@
-"""Functions that a module's thread calls between messages: at a time, or when a file has something
-to read.
-"""
+"""Functions that a module's thread calls between messages, at a time or when a file is readable."""
 
 import math
 import threading
@@ -25,22 +23,23 @@ from tca_wire.packets.changes import Observe
 
 
 class HasFileno(Protocol):
-    """A socket, pipe, serial port, ..."""
+    """An object with a file number, such as a socket, pipe or serial port."""
 
     def fileno(self) -> int:
-        """The number of its file."""
+        """Return the number of its file."""
 
 
 ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], object]
 
 
 class DueTime:
-    """When something is due: once, or at multiples of a period, whatever was missed. Times are
-    passed in.
+    """When something is due: once, or at multiples of a period even if some were missed.
+
+    Times are passed in.
     """
 
     def __init__(self, seconds: float, *, is_once: bool) -> None:
-        self.due = math.inf  #: it is not before ``begin``, nor while it is done
+        self.due = math.inf  #: infinite before ``begin`` and while the callback runs
         self.is_once = is_once
         self._seconds = seconds
         self._start, self._turn = 0.0, 1
@@ -50,15 +49,25 @@ class DueTime:
         self._start, self._turn, self.due = now, 1, now + self._seconds
 
     def was_done(self, now: float) -> None:
-        """It was due, and has been done by now."""
+        """Compute the next due time after a call has ended."""
         if not self.is_once:
             self._turn = max(self._turn, math.floor((now - self._start) / self._seconds)) + 1
             self.due = self._start + self._turn * self._seconds
 
 
 class Callback(Sender):
-    """A function that is called between messages, and a Sender for it: under the root. Sends only
-    from inside the function; ``cancel`` works from anywhere.
+    """A function that a module's thread calls between messages.
+
+    ``module.every()``, ``after()`` and ``on_readable()`` declare such functions, and call them with
+    their Callback. It is a Sender: the tasks that the function sends with it become children of the
+    root. It can send only while the function runs; ``cancel`` works at any time.
+
+    Example::
+
+        @module.every(0.1)
+        def steer(callback: Callback) -> None:
+            if callback.query(IS_DONE):
+                callback.cancel()
     """
 
     def __init__(
@@ -67,7 +76,7 @@ class Callback(Sender):
         super().__init__()
         self.name = getattr(function, "__qualname__", repr(function))
         self.function = function
-        self.when = when  #: None: it waits for a file
+        self.when = when  #: None: waits for a file
         self.arguments = check_function("a callback", function, "(callback) or ()", (1, 0))
         self._owner = owner
 
@@ -76,30 +85,34 @@ class Callback(Sender):
 
     @property
     def is_over(self) -> bool:
-        """Whether it will not be called any more."""
+        """Whether the function will not be called any more."""
         return self not in self._owner
 
     def cancel(self) -> None:
-        """Call it no more; from any thread, also from inside. Twice does no harm."""
+        """Stop calling the function.
+
+        May be called from any thread, also from inside the function, and more than once.
+        """
         self._owner.remove(self)
 
     def _connection(self) -> Connection:
         if self._owner.connection is None:
-            raise MisuseError(f"{self} can't send: its module does not run")
+            raise MisuseError(f"{self} can't send: its module is not running")
         return self._owner.connection
 
 
 class Callbacks:
-    """The callbacks of one thread, called in the order they came due. The next thread starts their
-    times anew.
+    """The callbacks of one thread, called in the order in which they come due.
+
+    Their times start again with each thread, that is, with each run of the module.
     """
 
     def __init__(self, module: str) -> None:
-        self.connection: Connection | None = None  #: of the thread that calls them
+        self.connection: Connection | None = None  #: the connection of the thread that calls them
         self._lock = threading.RLock()
-        self._known: dict[Callback, None] = {}  #: in the order in which they were declared
-        self._observers: list[Callable[[Connection], None]] = []  #: called when the thread begins
-        self.files: dict[int, Callback] = {}  #: the files to wait for, and who waits for each
+        self._known: dict[Callback, None] = {}  #: in order of declaration
+        self._observers: list[Callable[[Connection], None]] = []  #: called when the thread starts
+        self.files: dict[int, Callback] = {}  #: file to wait for -> its callback
         self._due: deque[Callback] = deque()
         self._log = log_of(module)
 
@@ -115,17 +128,17 @@ class Callbacks:
         return self._add(Callback(self, function, DueTime(period, is_once=False)))
 
     def after(self, delay: float, function: Callable[..., object]) -> Callback:
-        """Call a function once."""
+        """Call a function once, after a delay."""
         check("after()", DELAY, delay=delay)
         return self._add(Callback(self, function, DueTime(delay, is_once=True)))
 
     def on_readable(self, source: int | HasFileno, function: Callable[..., object]) -> Callback:
-        """Call a function while a file has something to read."""
+        """Call a function whenever a file has something to read."""
         file = _checked_file(source)
         callback = Callback(self, function)
         with self._lock:
             if (known := self.files.get(file)) is not None:
-                raise MisuseError(f"{known} waits for file {file} already: cancel() that first")
+                raise MisuseError(f"{known} waits for file {file} already: cancel() it first")
             self.files[file] = callback
             return self._add(callback)
 
@@ -135,8 +148,9 @@ class Callbacks:
         states: Collection[str],
         function: ObservingFunction,
     ) -> None:
-        """Call a function with changes of tasks' states, whoever sends and handles them, from the
-        thread's beginning on.
+        """Call a function with changes of tasks' states, from the thread's start on.
+
+        It sees the tasks of all senders and handlers.
         """
         check_function("observes()", function, "(sender, change) or (change)", (2, 1))
         wanted = checked_states("observes()", message, states)
@@ -153,13 +167,13 @@ class Callbacks:
         return callback
 
     def remove(self, callback: Callback) -> None:
-        """Call it no more."""
+        """Stop calling a callback."""
         with self._lock:
             self._known.pop(callback, None)
             self.files = {file: one for file, one in self.files.items() if one is not callback}
 
     def begin(self, connection: Connection) -> None:
-        """A thread calls them from now on."""
+        """Let the thread of *connection* call the callbacks from now on."""
         with self._lock:
             self.connection = connection
             for time in self._times().values():
@@ -168,7 +182,7 @@ class Callbacks:
             observer(connection)
 
     def end(self) -> None:
-        """Nobody calls them any more."""
+        """Stop: the thread ends."""
         with self._lock:
             self.connection = None
             self._due.clear()
@@ -178,18 +192,20 @@ class Callbacks:
 
     @property
     def _transport(self) -> Transport:
-        """What the thread waits for, with the clock that the times of callbacks are of."""
+        """The thread's transport, whose clock the callbacks' times refer to."""
         assert self.connection is not None
         return self.connection.transport
 
     def patience(self, seconds: float) -> float:
-        """The seconds that the thread may wait, at most so many: until something is due."""
+        """Return the seconds, at most *seconds*, until a callback is due."""
         with self._lock:
             first = min((time.due for time in self._times().values()), default=math.inf)
             return min(seconds, self._transport.seconds_until(first))
 
-    def found(self, ready: Mapping[int, bool]) -> None:
-        """The wait is over: these files can be read, or (False) are closed."""
+    def queue_due(self, ready: Mapping[int, bool]) -> None:
+        """Queue the callbacks that are due after a wait: *ready* files are readable or (False)
+        closed.
+        """
         with self._lock:
             now = self._transport.time()
             due = [
@@ -204,20 +220,19 @@ class Callbacks:
                 if waiting is not None and is_open:
                     self._due.append(waiting)
                 elif waiting is not None:
-                    self._log.error("%s is called no more: its file %d was closed", waiting, file)
+                    self._log.error("%s is not called any more: file %d is closed", waiting, file)
                     self.remove(waiting)
 
     def call_one(self) -> bool:
-        """Call the one due first; False if none is."""
+        """Call the callback that came due first; return False if none is due."""
         if not self._due:
             return False
         callback = self._due.popleft()
         if callback in self and self.connection is not None:
             if callback.when is not None and callback.when.is_once:
                 self.remove(callback)
-            self.connection.call_back(
-                partial(callback.function, *(callback,)[: callback.arguments]), callback
-            )
+            given = (callback,)[: callback.arguments]
+            self.connection.call_back(partial(callback.function, *given), callback)
             if callback.when is not None:
                 callback.when.was_done(self._transport.time())
         return True
@@ -229,7 +244,7 @@ def _observe(
     function: ObservingFunction,
     connection: Connection,
 ) -> None:
-    """Have the thread of a connection call *function* from now on. Raises what ``declare`` does."""
+    """Call *function* with changes in the thread of a connection. Raises what ``declare`` does."""
     if message is not None:
         connection.declare(message)
     what = f"observing '{message.name}'" if message is not None else "observing all tasks"
@@ -246,6 +261,7 @@ def _checked_file(source: Any) -> int:
         file = None
     if isinstance(file, bool) or not isinstance(file, int) or not 0 <= file < 2**31:
         raise MisuseError(
-            f"on_readable(): source must be an open file, socket or pipe, or its number, not {source!r:.60}"
+            "on_readable(): source must be an open file, socket or pipe, or its number,"
+            f" not {source!r:.60}"
         )
     return file

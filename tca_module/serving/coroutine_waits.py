@@ -1,10 +1,12 @@
-"""Tells central which answers a coroutine waits for, so that circles through ``await`` are seen.
+"""Tells central which answers a coroutine awaits, so that it detects deadlocks through ``await``.
 
-A handler *stands* when each of its asyncio tasks is suspended in an ``await`` of something of
-central's, or in one of asyncio's for others of these tasks alone. Then only central's answers let
-it go on, and central may treat it as waiting for the first of them; it is told when the handler has
-stood for a second. Anything else awaited, a timer or a device, may bring it on by itself: then
-central is told nothing.
+A handler *stands* when each of its asyncio tasks awaits either an answer from central, or only
+other tasks of this handler that stand. Then only central's answers let it continue, and central may
+treat it as waiting for the first of them. Central is informed when the handler has stood for a
+second.
+
+A handler that awaits anything else, a timer or a device, may continue without central: central is
+told nothing.
 """
 
 import asyncio
@@ -24,7 +26,7 @@ from tca_wire.packets.headers import AwaitAny
 
 T = TypeVar("T")
 
-MOST_AWAITED = 1000  # answers; a handler that awaits more at a time is not looked at
+MOST_AWAITED = 1000  # answers; a handler that awaits more at a time is ignored
 
 _Standing = tuple[int, ...]
 
@@ -35,61 +37,64 @@ class CoroutineWaits:
     def __init__(
         self, loop: asyncio.AbstractEventLoop, connection: Connection, on_change: Callable[[], None]
     ) -> None:
-        """*on_change* is called when a handler goes on of which central was told that it stands."""
+        """Create it for *loop*.
+
+        *on_change* is called when a handler continues that central counts as standing.
+        """
         self._on_change = on_change
         self._connection = connection
         self._loop = loop
-        self._begun: dict[
-            OpenDelivery, WeakSet[asyncio.Task[Any]]
-        ] = {}  #: by handler: all begun in it
+        #: handler -> all asyncio tasks started in it
+        self._begun: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}
+        #: asyncio task -> the request that it awaits
         self._suspended: WeakKeyDictionary[
             asyncio.Task[Any], tuple[Request, asyncio.Future[None]]
-        ] = WeakKeyDictionary()  #: those in an await of central's
-        self._seen: dict[
-            OpenDelivery, tuple[_Standing, float]
-        ] = {}  #: the requests that each stands at, since when
-        self._told: dict[
-            OpenDelivery, int
-        ] = {}  #: central takes them to stand -> breaks of the connection before
-        self._factory = self._make
+        ] = WeakKeyDictionary()
+        #: handler -> the requests that it stands at, and since when
+        self._seen: dict[OpenDelivery, tuple[_Standing, float]] = {}
+        #: handler that central counts as standing -> ``session.breaks`` when central was informed
+        self._reported: dict[OpenDelivery, int] = {}
+        self._factory = self._create_task
         loop.set_task_factory(self._factory)
 
     def begin(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
-        """An asyncio task for a handler."""
+        """Start an asyncio task for a handler."""
         self._begun[handler] = WeakSet()
         with working_on(handler):
             task = self._loop.create_task(coroutine)
-        task.add_done_callback(lambda _: self._end(handler))
+        task.add_done_callback(lambda _: self._forget(handler))
         return task
 
-    def _make(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
+    def _create_task(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
         task = asyncio.Task(coroutine, loop=loop, **options)
         handler = current_delivery(options.get("context"))
         if handler is not None and (begun := self._begun.get(handler)) is not None:
             begun.add(task)
-            self._goes_on(handler)
+            self._report_continued(handler)
         return task
 
-    def _end(self, handler: OpenDelivery) -> None:
-        for known in (self._begun, self._seen, self._told):
+    def _forget(self, handler: OpenDelivery) -> None:
+        for known in (self._begun, self._seen, self._reported):
             known.pop(handler, None)
 
     @contextmanager
     def suspended(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
-        """A block in which the current asyncio task awaits news of a request."""
+        """Return a block in which the current asyncio task awaits news of a request."""
         task = asyncio.current_task()
         assert task is not None
         self._suspended[task] = request, future
         if (handler := current_delivery()) is not None:
-            self._goes_on(handler)
+            self._report_continued(handler)
         try:
             yield
         finally:
             self._suspended.pop(task, None)
 
-    def look(self, now: float) -> bool:
-        """Tell central of handlers that have stood for a while. To be called from time to time;
-        False: once something has changed.
+    def update(self, now: float) -> bool:
+        """Inform central of handlers that have stood for a while.
+
+        Must be called from time to time while it returns True. After False, call it again only when
+        something has changed: central knows where each handler stands.
         """
         session = self._connection.session
         for handler in list(self._begun):
@@ -97,23 +102,23 @@ class CoroutineWaits:
             before, since = self._seen.get(handler, ((), now))
             if standing != before or not standing:
                 self._seen[handler] = standing, now
-                self._goes_on(handler)
+                self._report_continued(handler)
             elif (
                 now - since >= BRIEF
                 and session.is_welcome
-                and self._told.get(handler) != session.breaks
+                and self._reported.get(handler) != session.breaks
             ):
-                self._told[handler] = session.breaks
-                self._tell(handler, standing)
-        return any(self._told.get(handler) != session.breaks for handler in self._begun)
+                self._reported[handler] = session.breaks
+                self._report(handler, standing)
+        return any(self._reported.get(handler) != session.breaks for handler in self._begun)
 
-    def _goes_on(self, handler: OpenDelivery) -> None:
-        if self._told.pop(handler, None) is not None:
-            self._tell(handler, ())
+    def _report_continued(self, handler: OpenDelivery) -> None:
+        if self._reported.pop(handler, None) is not None:
+            self._report(handler, ())
             self._on_change()
 
-    def _tell(self, handler: OpenDelivery, standing: _Standing) -> None:
-        """Tell central where a handler stands, unless a restarted central has forgotten it."""
+    def _report(self, handler: OpenDelivery, standing: _Standing) -> None:
+        """Inform central where a handler stands, unless a restarted central has forgotten it."""
         session = self._connection.session
         if session.open_deliveries.knows(handler):
             delivery = with_epoch(handler.delivery, session.epoch, handler.name)
@@ -121,9 +126,12 @@ class CoroutineWaits:
                 self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
     def _standing(self, handler: OpenDelivery) -> _Standing:
-        """The requests of which the next answer lets a handler go on; none if anything else may."""
+        """Return the requests of which any answer lets a handler continue.
+
+        Empty if anything else may let it continue.
+        """
         if self._loop.get_task_factory() != self._factory:
-            return ()  # somebody makes asyncio tasks of which nothing is known here
+            return ()  # another task factory creates asyncio tasks that are unknown here
         tasks = {task for task in self._begun[handler] if not task.done()}
         requests = []
         for task in tasks:
@@ -141,8 +149,9 @@ class CoroutineWaits:
 
 
 def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; none if for
-    anything else.
+    """Return the asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup.
+
+    Empty if it waits for anything else.
     """
     future = getattr(task, "_fut_waiter", None)
     if future is None or future.done():
@@ -154,7 +163,7 @@ def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
 
 
 def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The asyncio tasks awaited by the asyncio function in which a task is suspended."""
+    """Return the asyncio tasks awaited by the asyncio function in which a task is suspended."""
     inner: Any = task.get_coro()
     while inspect.iscoroutine(inner) and inspect.iscoroutine(inner.cr_await):
         inner = inner.cr_await

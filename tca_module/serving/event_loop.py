@@ -1,8 +1,7 @@
-"""The asyncio event loop of one slot: runs its ``async def`` handlers, and listens to central while
-they await.
+"""The asyncio event loop of one slot: it runs ``async def`` handlers and listens to central.
 
-The loop turns while a coroutine is handled, and while the slot is idle, for tasks that handlers
-have started. It does not turn while a plain handler or a callback runs.
+The loop runs while a coroutine is handled. It also runs while the slot is idle, for asyncio tasks
+that handlers have started. It does not run during a plain handler or a callback.
 """
 
 import asyncio
@@ -27,41 +26,45 @@ from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
 
-_CALM = (
-    1.0  # seconds between two looks at central while nothing but its answers can change anything
-)
+# seconds between two exchanges with central while every handler awaits an answer of central
+_CALM = 1.0
 
 
 class EventLoop:
-    """An event loop that also hears central. *attend* gets the queries that the slot sends to
-    itself.
+    """An event loop that also listens to central.
+
+    *handle_delivery* handles the queries that the slot sends to itself.
     """
 
-    def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
+    def __init__(
+        self, connection: Connection, handle_delivery: Callable[[Deliver, bytes], None]
+    ) -> None:
         self._connection = connection
-        self._attend = attend
-        self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}  #: those that are not done
-        self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
-        self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
+        self._handle_delivery = handle_delivery
+        #: handler -> its unfinished asyncio task
+        self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}
+        #: request -> the futures that wait for news of it
+        self._waiting: dict[Request, list[asyncio.Future[None]]] = {}
+        #: set while the slot is idle; done when it has something to do
+        self._idle: asyncio.Future[None] | None = None
         self._is_closing = False
-        self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
-        self._is_flushing = (
-            False  #: something is to be sent when all who can go on now have done so
-        )
-        self._fatal: BaseException | None = (
-            None  #: an exception of a handler that is to end the module
-        )
-        self._ended: list[
-            OpenDelivery
-        ] = []  #: the handlers that are done since the loop turned last
-        self._has_warned: set[str] = set()  #: of these handlers
+        self._timer: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
+        #: a flush is scheduled for when all ready coroutines have run
+        self._is_flushing = False
+        #: an exception of a handler that must end the module
+        self._fatal: BaseException | None = None
+        #: the handlers that have ended since the loop last turned
+        self._ended: list[OpenDelivery] = []
+        self._has_warned: set[str] = set()  #: the handlers that the log has warned of
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         self._selector = selector = _Selector(
-            files[0], self._has_news, connection.transport, self._check_turn
+            files[0], self._has_work, connection.transport, self._check_turn
         )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
-        self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
+        self._awaiting = CoroutineWaits(
+            self._loop, connection, partial(self._schedule_keep_alive, STEP)
+        )
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
@@ -73,18 +76,19 @@ class EventLoop:
         return self._loop.is_running()
 
     def run(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run the coroutine of a handler to its end; its result."""
+        """Run the coroutine of a handler to its end; return its result."""
         self._since = self._turned = self._loop.time()
-        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        self._timer = self._loop.call_later(STEP, self._keep_alive)
         try:
             return self._run_until(self.start(delivery, coroutine))
         finally:
-            self._beat.cancel()
-            self._beat = None
+            self._timer.cancel()
+            self._timer = None
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
-        """Run until a future is done. Raises also the error of a handler beside it, which asyncio
-        would only keep.
+        """Run until a future is done.
+
+        Raises also the error of another handler, which asyncio would only store in its task.
         """
         self._selector.turned = time.monotonic()
         try:
@@ -113,9 +117,7 @@ class EventLoop:
             self._loop.stop()
 
     def _check_turn(self) -> None:
-        """Warn of handlers that have kept the loop from turning: nothing else in the slot went on
-        meanwhile.
-        """
+        """Warn of handlers that have blocked the loop: nothing else in the slot could run."""
         now, ended = time.monotonic(), self._ended
         seconds, self._selector.turned, self._ended = now - self._selector.turned, now, []
         if seconds < BRIEF:
@@ -125,13 +127,15 @@ class EventLoop:
         )
         if names and names not in self._has_warned:
             self._has_warned.add(names)
-            text = f"the async handler of {names} has blocked its event loop for {seconds:.1f} s: await what takes time"
             self._connection.log.warning(
-                "%s, such as task.sleep(), asyncio.to_thread() or query_send()", text
+                "the async handler of %s has blocked its event loop for %.1f s: await long calls,"
+                " such as task.sleep(), asyncio.to_thread() or query_send()",
+                names,
+                seconds,
             )
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
-        """Turn until something has come, as ``transport.wait``."""
+        """Run the loop until something has arrived, like ``transport.wait``."""
         ready: dict[int, bool] = {}
         self._idle = idle = self._loop.create_future()
         timer = self._loop.call_later(max(0.0, seconds), self._end_wait)
@@ -149,23 +153,22 @@ class EventLoop:
         return ready
 
     def close(self) -> None:
-        """Cancel what still runs, and end."""
+        """Cancel the remaining asyncio tasks, and close the loop."""
         self._is_closing = True
-        self._loop.call_soon(
-            self._loop.stop
-        )  # if an error stopped it, a stop of its last run may be left over
+        # If an error ended the last run, its stop may be pending: run once to consume it.
+        self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
         self._runner.close()
         self._connection.await_news = self._connection.await_moment = None
 
-    def _has_news(self) -> bool:
-        """Whether there is something to do that no file tells of: a blocking call may have read
+    def _has_work(self) -> bool:
+        """Return whether there is something to do that no file shows: a blocking call may have read
         it.
         """
         connection = self._connection
         return (
             connection.transport.has_arrived()
-            or connection.waiting.has_news
+            or connection.waiting.has_pending_call
             or any(map(connection.session.open_deliveries.wake_reason, self._handled))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
@@ -178,7 +181,7 @@ class EventLoop:
         open_deliveries = self._connection.session.open_deliveries
         for delivery, task in list(self._handled.items()):
             if why := open_deliveries.wake_reason(delivery):
-                open_deliveries.mark_told(delivery)
+                open_deliveries.mark_notified(delivery)
                 task.cancel(why)
 
     def _end_wait(self) -> None:
@@ -190,44 +193,43 @@ class EventLoop:
         self._end_wait()
 
     def _listen(self) -> float:
-        """Do all pending work; the seconds of central's silence."""
+        """Process arrived packets and pending calls; return the seconds of central's silence."""
         connection = self._connection
         self._check_turn()
-        silence = connection.tend(self._since)
-        while connection.waiting.has_news:
-            connection.waiting.take_news()
+        silence = connection.keep_alive(self._since)
+        while connection.waiting.has_pending_call:
+            connection.waiting.run_pending_call()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
-            self._attend(*delivery)
-        self._selector.turned = time.monotonic()  # plain handlers and callbacks may take their time
+            self._handle_delivery(*delivery)
+        self._selector.turned = time.monotonic()  # plain handlers and callbacks may take long
         return silence
 
     def _keep_alive(self) -> None:
-        """Show central that we live, and give up on one that is silent, as every wait does."""
-        self._beat_in(STEP)
+        """Keep the connection alive, and give up on a silent central, as every wait does."""
+        self._schedule_keep_alive(STEP)
         before, self._turned = self._turned, self._loop.time()
         if self._turned - before > STALL:
             self._since = self._turned
         if self._listen() > self._connection.waiting.patience:
             for request in list(self._waiting):
-                self._heard(request, self._connection.line.lost())
-        if not self._awaiting.look(self._turned):
+                self._wake_waiters(request, self._connection.line.lost_error())
+        if not self._awaiting.update(self._turned):
             calm = min(_CALM, quiet_within(self._connection.waiting.patience))
-            self._beat_in(max(STEP, self._connection.direct.patience(calm)))
+            self._schedule_keep_alive(max(STEP, self._connection.direct.patience(calm)))
 
-    def _beat_in(self, seconds: float) -> None:
-        """Let ``_keep_alive`` be called then, if a coroutine is run."""
-        if self._beat is not None:
-            self._beat.cancel()
-            self._beat = self._loop.call_later(seconds, self._keep_alive)
+    def _schedule_keep_alive(self, seconds: float) -> None:
+        """Schedule ``_keep_alive`` if a coroutine is run."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = self._loop.call_later(seconds, self._keep_alive)
 
     def _await_news(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
-        request.wakes = partial(self._heard, request)
-        if (
-            self._connection.session.outgoing and not self._is_flushing
-        ):  # what others await now goes with it
+        request.wake = partial(self._wake_waiters, request)
+        # Flush later, so that the requests of all ready coroutines leave together.
+        if self._connection.session.outgoing and not self._is_flushing:
             self._is_flushing = True
             self._loop.call_soon(self._flush)
         with self._awaiting.suspended(request, future):
@@ -237,7 +239,7 @@ class EventLoop:
         self._is_flushing = False
         self._connection.flush()
 
-    def _heard(self, request: Request, error: Exception | None = None) -> None:
+    def _wake_waiters(self, request: Request, error: Exception | None = None) -> None:
         for future in self._waiting.pop(request, []):
             if error is not None and not future.done():
                 future.set_exception(error)
@@ -247,28 +249,29 @@ class EventLoop:
 
 class _Selector(selectors.DefaultSelector):
     """A selector that does not wait while there is other news, and then reports *file* as readable.
-    The sleeps of coroutines end here, on the clock of handlers: the one that a test may step.
+
+    It also ends the sleeps of coroutines, on the handlers' clock: a test may step that.
     """
 
     def __init__(
         self,
         file: int,
-        has_news: Callable[[], bool],
+        has_work: Callable[[], bool],
         transport: Transport,
         on_turn: Callable[[], None],
     ) -> None:
         super().__init__()
-        self.turned = time.monotonic()  #: when the loop turned last
+        self.turned = time.monotonic()  #: when the loop last turned
         self._file = file
-        self._has_news = has_news
+        self._has_work = has_work
         self._transport = transport
         self._on_turn = on_turn
-        self._sleeping: dict[asyncio.Future[None], float] = {}  #: until when
+        self._sleeping: dict[asyncio.Future[None], float] = {}  #: sleeping future -> its end
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """The files that are ready."""
+        """Return the files that are ready."""
         self._on_turn()
-        if self._has_news():
+        if self._has_work():
             ready = [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]
         else:
             seconds = min(math.inf if timeout is None else timeout, self._until_next())
@@ -281,7 +284,7 @@ class _Selector(selectors.DefaultSelector):
         return ready
 
     async def sleep_until(self, moment: float) -> None:
-        """Wait until that moment."""
+        """Wait until *moment* of the handlers' clock."""
         future = asyncio.get_running_loop().create_future()
         self._sleeping[future] = moment
         try:
@@ -290,11 +293,10 @@ class _Selector(selectors.DefaultSelector):
             del self._sleeping[future]
 
     def _until_next(self) -> float:
-        """The real seconds to the next moment: for ever, if a test steps the clock, which ends the
-        wait.
+        """Return the real seconds to the next end of a sleep.
+
+        They are infinite if a test steps the clock: the step ends the wait.
         """
-        return (
-            self._transport.seconds_until(min(self._sleeping.values()))
-            if self._sleeping
-            else math.inf
-        )
+        if not self._sleeping:
+            return math.inf
+        return self._transport.seconds_until(min(self._sleeping.values()))

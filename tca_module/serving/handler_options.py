@@ -26,23 +26,25 @@ _TRANSITIONS = ArgumentKind(
 
 
 class HandlerOptions(TypedDict, total=False):
-    """The options of a handler. Those after *direct* are for tasks.
+    """The options of a handler. The last four are for handlers of tasks only.
 
     Args:
-        resource: the resource that handles it. Default: None, the module's own.
-        pool: modules that name the same pool share the messages. Default: None.
-        pending: the most messages that wait for this handler. One more displaces the oldest: an
-            inform or broadcast is dropped, a query fails with "overload", a goal or command is
+        resource: Name of the resource that handles the message. Default: None, the module's own.
+        pool: Name of a pool. The modules of a pool share the messages: a free one gets the next.
+            Default: None, no pool.
+        pending: Number of messages that may wait for this handler. One more displaces the oldest:
+            an inform or broadcast is dropped, a query fails with "overload", a goal or command is
             killed. Default: None, no bound.
-        direct: this inform or query may come straight from its senders: faster, but without
-            priority, and in the journal without data. It goes through central while a wiretap or
-            another handler wants it.
-        accepts: the handler calls ``task.accept()`` itself. Default: False, it has accepted when it
-            gets the task.
-        takes: the clients' requests that the handler decides about, such as ["update", "cancel"].
-            Without it an update lets the task begin again with the new goal, and a cancel kills it.
-        refuses: the clients' requests that are refused in its name.
-        when_busy: the fate of a task that would have to wait: "queue" (it waits), "preempt" (the
+        direct: Let senders send this inform or query straight to this handler. This is faster, but
+            has no priority, and the journal does not record the data. While a wiretap or another
+            handler wants the message, it goes through central. Default: False.
+        accepts: The handler calls ``task.accept()`` itself. Default: False, a task counts as
+            accepted when the handler starts.
+        takes: Requests of clients that the handler decides about, such as ["update", "cancel"].
+            Default: none; then an update restarts the task with the new goal, and a cancel kills
+            it.
+        refuses: Requests of clients that are always refused. Default: none.
+        when_busy: The fate of a task that would have to wait: "queue" (it waits), "preempt" (the
             others are cancelled) or "reject". Default: None, as its resource says.
     """
 
@@ -64,10 +66,10 @@ class ResourcePlan(NamedTuple):
 
     capacity: int = 1
     hung_after: float = 0.0
-    """Seconds after which a handler that hangs is left behind; 0: never."""
+    """Seconds after which a hung handler is left behind; 0: never."""
     when_busy: WhenBusy = "queue"
     is_declared: bool = False
-    """By ``resource()``; others are only named."""
+    """Declared with ``resource()``; other resources are only named by a handler."""
 
 
 def checked_format(
@@ -76,19 +78,18 @@ def checked_format(
     own: str,
     resources: Mapping[str, ResourcePlan],
 ) -> HandlerFormat:
-    """A handler as central is told of it; *own* is its module's resource. Raises MisuseError for
-    options with which the message can't be handled.
+    """Return a handler as it is declared to central. *own* is its module's resource.
+
+    Raises MisuseError for options with which the message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, HandlerOptions)
     _check(message, options.get("pending"), direct=options.get("direct", False))
     _check_transitions(message, options)
     resource = options.get("resource") or own
-    when_busy = (
-        resources.get(resource, ResourcePlan()).when_busy
-        if message.message_class.is_task
-        else "queue"
-    )
+    when_busy: WhenBusy = "queue"
+    if message.message_class.is_task:
+        when_busy = resources.get(resource, ResourcePlan()).when_busy
     return HandlerFormat(
         message.name,
         resource,
@@ -115,7 +116,7 @@ def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> 
     if direct and not isinstance(message, Inform | Query):
         raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
     if direct and pending:
-        why = "what comes directly waits with its senders, not in central"
+        why = "direct messages wait at their senders, not in central"
         raise MisuseError(f"{what} can't be handled with direct=True and pending={pending}: {why}")
 
 
@@ -126,16 +127,15 @@ def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> N
             f"{message.title} can't be handled with {given[0]}=: only tasks have states"
         )
     cycle = life_cycle_of(message)
-    names, takes, refuses = (
-        cycle.names(Party.CLIENT),
-        set(options.get("takes", ())),
-        set(options.get("refuses", ())),
-    )
+    names = cycle.names(Party.CLIENT)
+    takes, refuses = set(options.get("takes", ())), set(options.get("refuses", ()))
     if unknown := sorted((takes | refuses) - set(names)):
         raise MisuseError(
-            f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {quoted(names)}"
+            f"{message.title} has no client's transition '{unknown[0]}':"
+            f" {cycle} has {quoted(names)}"
         )
     if both := sorted(takes & refuses):
         raise MisuseError(
-            f"{message.title} can't be handled with '{both[0]}' both taken and refused: say one of them"
+            f"{message.title} can't be handled with '{both[0]}' in both takes= and refuses=:"
+            " choose one"
         )

@@ -19,15 +19,16 @@ from tca_wire.packets.parts import HandlerFormat
 
 T = TypeVar("T")
 
-Coming = Coroutine[Any, Any, R | LaterReply[R]]
+AnswerCoroutine = Coroutine[Any, Any, R | LaterReply[R]]
 """The coroutine of an ``async def`` handler."""
 WithoutData = Callable[[Task], T] | Callable[[Task, None], T]
 """The handler of a message without data."""
 
 
 class HandlerDecorator(Protocol[D, R]):
-    """Declares the decorated function as a handler, and leaves it as it is. A type checker names
-    the first form where none fits.
+    """Declares the decorated function as a handler, and returns it unchanged.
+
+    If no form fits, a type checker names the first one.
     """
 
     @overload
@@ -42,12 +43,12 @@ class HandlerDecorator(Protocol[D, R]):
     ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
     @overload
     def __call__(
-        self, function: Callable[[Task, D], Coming[R]], /
-    ) -> Callable[[Task, D], Coming[R]]: ...
+        self, function: Callable[[Task, D], AnswerCoroutine[R]], /
+    ) -> Callable[[Task, D], AnswerCoroutine[R]]: ...
 
 
 class HandlerDecoratorWithoutData(Protocol[R]):
-    """Declares a handler of a message without data, which need not be an argument."""
+    """Declares a handler of a message without data, which the function need not accept."""
 
     @overload
     def __call__(self, function: WithoutData[R], /) -> Callable[..., R]: ...
@@ -60,11 +61,13 @@ class HandlerDecoratorWithoutData(Protocol[R]):
         self, function: WithoutData[Coroutine[Any, Any, R]], /
     ) -> Callable[..., Coroutine[Any, Any, R]]: ...
     @overload
-    def __call__(self, function: WithoutData[Coming[R]], /) -> Callable[..., Coming[R]]: ...
+    def __call__(
+        self, function: WithoutData[AnswerCoroutine[R]], /
+    ) -> Callable[..., AnswerCoroutine[R]]: ...
 
 
 Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
-"""The end of a handler as central is told it, or the LaterReply that will tell it."""
+"""The outcome of a handler for central, or the LaterReply that will bring it."""
 
 
 class Handler:
@@ -76,10 +79,11 @@ class Handler:
         self.message = message
         self.function = function
         self.resource = known_as.resource
-        self.format = known_as  #: this handler, as central is told of it
+        self.format = known_as  #: this handler, as it is declared to central
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
-        # Without data one argument comes first: a second one with a default is the author's own.
+        # Without data, one argument is tried first: a second one with a default is the author's
+        # own.
         has_data = message.data.kind is not type(None)
         wanted, possible = (
             (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
@@ -90,15 +94,16 @@ class Handler:
             check_annotation(self.name, function, message)
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
-        """A message to be handled."""
+        """Create the Task of a delivered message."""
         return Task(connection, delivery, self.message, accepts=self.format.accepts)
 
     def handle(self, task: Task, body: bytes) -> Answer:
-        """Call the function; the answer for central, or who will give it. Raises what ends the
-        module.
+        """Call the function; return its outcome for central, or the LaterReply that will bring it.
+
+        Raises errors that must end the module.
         """
         try:
-            return self._answer(task, self.function(*self._given(task, body)))
+            return self._answer(task, self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
@@ -106,11 +111,11 @@ class Handler:
         """Call the coroutine function; otherwise like ``handle``."""
         task.is_async = True
         try:
-            return self._answer(task, await self.function(*self._given(task, body)))
+            return self._answer(task, await self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
-    def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
+    def _arguments_for(self, task: Task, body: bytes) -> tuple[Any, ...]:
         try:
             return (task, self.message.decode_data(body))[: self._arguments]
         except BadData as error:
@@ -121,8 +126,10 @@ class Handler:
         later = task.later
         if isinstance(returned, LaterReply) or later is not None:
             if later is None or returned is not later:
-                msg = f"handler {self.name} called reply_later() and returned {returned!r:.60}: return what that gave"
-                raise MisuseError(msg)
+                raise MisuseError(
+                    f"handler {self.name} called reply_later() but returned {returned!r:.60}:"
+                    " return the LaterReply"
+                )
             return later
         try:
             return Reply(task.delivery), self.message.encode_reply(returned)
@@ -132,17 +139,12 @@ class Handler:
     def _failed(self, task: Task, error: BaseException) -> Answer:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
-        is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
-        if (
-            is_told
-            or isinstance(error, Aborted)
-            or (isinstance(error, Stopped) and task_is_killed())
-        ):
-            return Reply(
-                task.delivery
-            ), NIL  # its task was killed, and it ends as was wanted: that is no failure
+        is_woken = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
+        is_stopped = isinstance(error, Stopped) and task_is_killed()
+        # The task was killed and its handler ends as requested: no failure.
+        if is_woken or is_stopped or isinstance(error, Aborted):
+            return Reply(task.delivery), NIL
+        # The handler itself was not cancelled, but a coroutine that it ran.
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
-            return handler_error(
-                task.delivery, error
-            )  # nobody has cancelled it, but something that it ran
+            return handler_error(task.delivery, error)
         return failed(task.delivery, error)

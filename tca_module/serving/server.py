@@ -1,8 +1,6 @@
-"""Server: a handler of tasks as an object, with a method for each thing that clients may want; most
-are optional.
+"""Server: a handler of tasks as an object, with a method for each kind of client request.
 
-Between messages, and while a handler waits, the thread of its resource gives requests to these
-methods.
+Between messages, and while a handler waits, the thread of its resource calls these methods.
 """
 
 from abc import ABC, abstractmethod
@@ -28,52 +26,84 @@ from tca_wire.vocabulary import Party
 
 
 class Server(ABC, Generic[D, R]):
-    """Handles the tasks of a message: ``module.serve(GRASP, Grasping())``.
+    """A handler of a message's tasks as an object, with a method for each kind of client request.
 
-    ::
+    Only ``initiated`` is required. A request without its method gets the default: an update
+    restarts the task with the new goal, a cancel kills it. A blocking server answers requests while
+    it waits, such as in ``task.sleep()``. A server that replies later answers them between
+    messages.
+
+    Example::
 
         class Grasping(Server[Grasp, Held]):
             def initiated(self, task: Task, goal: Grasp) -> Held: ...
             def cancel(self, task: Task, why: str) -> bool: ...
 
-    A request without its method gets the default: an update lets the task begin anew, a cancel
-    kills it. A blocking server hears requests while it waits, such as in ``task.sleep()``; one that
-    replies later, between messages.
+        module.serve(GRASP, Grasping())
     """
 
     @abstractmethod
     def initiated(
         self, task: Task, goal: D
     ) -> R | LaterReply[R] | Coroutine[Any, Any, R | LaterReply[R]]:
-        """Do the task, and return its result; or ``task.reply_later()``, or be ``async def``."""
+        """Carry out the task, and return its result. The method may be ``async def``.
+
+        Args:
+            task: The task.
+            goal: The data of the task.
+
+        Returns:
+            The result of the task, or ``task.reply_later()``.
+        """
 
     def update(self, task: Task, goal: D) -> bool:
-        """A client gives the running task a new goal: take it over, and return True; or False,
-        which rejects it, or ``raise task.rejected("the reason")``. Should not take long.
+        """Decide whether the running task pursues a client's new goal. Should not take long.
+
+        Args:
+            task: The task.
+            goal: The new goal, of the same type as the task's data.
+
+        Returns:
+            True to adopt it. False rejects it; ``raise task.rejected("the reason")`` adds a reason.
         """
         raise NotImplementedError
 
     def cancel(self, task: Task, why: str) -> bool:
-        """A client wants the task to end: leave all safe, and return True. The task then ends as
-        cancelled: a blocking handler is woken with TaskKilled, a reply that is owed is not owed any
-        more. Otherwise like ``update``.
+        """Decide whether the task ends, as a client wants. Should not take long.
+
+        If it ends, leave everything safe and return True. The task then ends as cancelled: a
+        blocking handler is woken with TaskKilled, and a reply that is still owed is dropped.
+
+        Args:
+            task: The task.
+            why: The client's reason.
+
+        Returns:
+            True to end it. False rejects; ``raise task.rejected("the reason")`` adds a reason.
         """
         raise NotImplementedError
 
     def requested(self, task: Task, request: TaskRequest) -> bool:
-        """A client has taken another transition, of the task's own life cycle. Otherwise like
-        ``update``.
+        """Decide about another transition of the task's own life cycle. Should not take long.
+
+        Args:
+            task: The task.
+            request: The client's request, with its transition and data.
+
+        Returns:
+            True to grant it. False rejects it; ``raise task.rejected("the reason")`` adds a reason.
         """
         raise NotImplementedError
 
 
-def taken_by(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
-    """The transitions of clients for which a server has methods. Raises MisuseError if it is
-    none.
+def server_transitions(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
+    """Return the clients' transitions for which a server has methods.
+
+    Raises MisuseError if *server* is not a Server.
     """
     if not isinstance(server, Server):
         hint = f": give {server.__name__}()" if isinstance(server, type) else ""
-        raise MisuseError(f"serve(): {server!r:.60} is no Server{hint}")
+        raise MisuseError(f"serve(): {server!r:.60} is not a Server{hint}")
     cycle, found = life_cycle_of(message), []
     for name in cycle.names(Party.CLIENT):
         method = _method_for(cycle, name)
@@ -86,7 +116,7 @@ def taken_by(message: Message[Any, Any], server: Server[Any, Any]) -> list[str]:
 
 
 def _method_for(cycle: LifeCycle, name: str) -> str:
-    """The method to which a client's transition is given."""
+    """Return the name of the method that decides about a client's transition."""
     rows = [row for row in cycle.transitions if row.name == name and row.by is not Party.SERVER]
     if any(row.effect is Effect.NEW_GOAL for row in rows):
         return "update"
@@ -103,28 +133,28 @@ class ServerHandler(Handler):
         self._server = server
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
-        """A message to be handled; what clients ask of it is given to the server from now on."""
+        """Create the Task of a delivered message; the server answers its clients' requests."""
         task = super().task(connection, delivery)
         served = task._served()  # noqa: SLF001 - not for users
-        served.is_conversing = True
+        served.has_request_methods = True
 
-        def hear() -> None:
+        def answer_requests() -> None:
             while connection.session.open_deliveries.knows(served.delivery):
-                if (request := served.take_new()) is None:
+                if (request := served.pop_new_request()) is None:
                     return
                 with working_on(served.delivery):
                     self._decide(connection, delivery, served, request)
 
-        hear_soon = partial(connection.waiting.callbacks.append, hear)
-        served.delivery.on_request += (hear_soon,)
+        answer_soon = partial(connection.waiting.callbacks.append, answer_requests)
+        served.delivery.on_request += (answer_soon,)
         if served.delivery.requested:
-            hear_soon()
+            answer_soon()
         return task
 
     def _decide(
         self, connection: Connection, delivery: Deliver, served: ServerState, request: TaskRequest
     ) -> None:
-        """Say what the server says to a client's request."""
+        """Ask the server about a client's request, and send the answer."""
         task, why = super().task(connection, delivery), ""
         try:
             is_granted = self._ask(task, served, request)

@@ -1,5 +1,6 @@
-"""The threads of a module: as many for each resource as its capacity, one of which calls the
-resource's callbacks.
+"""The threads of a module: as many per resource as its capacity.
+
+One of them calls the resource's callbacks.
 """
 
 import contextlib
@@ -30,15 +31,14 @@ from tca_wire.messages.failures import HANDLER_ERROR, MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 
 CALLBACKS = "callbacks"
-"""The resource whose thread calls the callbacks for which no other is named."""
+"""The resource whose thread calls the callbacks that name no resource."""
 
-_PATIENCE = (
-    1.0  # seconds that handlers have for their end before it is said that they are waited for
-)
+# seconds that handlers have to end before the log says that they are waited for
+_PATIENCE = 1.0
 
 
 class Serving(NamedTuple):
-    """What the slots of a running module share."""
+    """The common settings of a running module's slots."""
 
     central: CentralAddress
     patience: float
@@ -46,29 +46,28 @@ class Serving(NamedTuple):
     handlers: Mapping[str, Handler]
     stop: Stop
     attachments: LastingAttachments
-    """Of the module; its first connection attaches them anew."""
+    """The module's; its first connection makes them again at a restarted central."""
 
 
 class Slot:
-    """A thread with a connection of its own that handles one message at a time, until the module is
-    to stop.
+    """A thread with a connection of its own that handles one message at a time.
+
+    It runs until the module stops.
     """
 
     def __init__(self, serving: Serving, hello: Hello, callbacks: Callbacks) -> None:
-        self.error: BaseException | None = None  #: the error that ended the thread before its time
+        self.error: BaseException | None = None  #: the error that ended the thread early
         self.handling = ""  #: the message whose handler runs
         self.is_replaced = False  #: its handler hung, and another slot has taken its place
-        self.callbacks = callbacks  #: that its thread calls
-        self.opened = threading.Event()  #: messages are handled, or *error* says why not
+        self.callbacks = callbacks  #: the callbacks that its thread calls
+        self.opened = threading.Event()  #: set when messages are handled, or *error* says why not
         self._serving = serving
-        self.hello = (
-            hello  #: the resource that it handles messages for, and the number of its connection
-        )
-        self._connection: Connection  # from its beginning on
-        self._loop: EventLoop | None = None  #: made when it is first needed
-        self._owed = WeakSet[
-            LaterReply[Any]
-        ]()  #: answers that handlers left to others, who alone keep them
+        #: names its resource and the number of its connection
+        self.hello = hello
+        self._connection: Connection  # set when the thread has opened it
+        self._loop: EventLoop | None = None  #: created when first needed
+        #: replies that handlers owe. Weak: a LaterReply that the program drops counts as lost
+        self._owed = WeakSet[LaterReply[Any]]()
         self._log = log_of(hello.module)
         self._thread = threading.Thread(
             target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True
@@ -76,8 +75,9 @@ class Slot:
         self._thread.start()
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is
-        set.
+        """Wait until the thread has ended, at most *timeout* seconds; return whether it has.
+
+        The module's stop must be set.
         """
         self._thread.join(timeout)
         return not self._thread.is_alive()
@@ -92,7 +92,7 @@ class Slot:
             )
         except Stopped:
             self.opened.set()
-        except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
+        except BaseException as error:  # noqa: BLE001 - raised by the module's own thread
             if self.is_replaced:
                 return
             self.error = error
@@ -101,14 +101,14 @@ class Slot:
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
-        self._serving.stop.wakes(connection.transport.wake)
-        connection.waiting.handle_delivery = self._attend
+        self._serving.stop.on_set(connection.transport.wake)
+        connection.waiting.handle_delivery = self._handle_delivery
         connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = Sender(connection=lambda: connection)
         self.callbacks.begin(connection)
         self.opened.set()
         with contextlib.ExitStack() as stack:
-            stack.callback(connection.drop)  # without goodbye if even that has an error
+            stack.callback(connection.drop)  # for the case that the goodbye itself fails
             try:
                 connection.serve(self._is_over, self._idle)
             except BaseException as error:
@@ -117,15 +117,14 @@ class Slot:
                 self._serving.stop.set()
                 what, module = type(error).__name__, self.hello.module
                 self._log.error(
-                    "module '%s' ends, and handles nothing any more: %s",
+                    "module '%s' ends and handles no more messages: %s",
                     module,
                     what,
                     exc_info=error,
                 )
-                connection.post(
-                    Unregister(0, []), b""
-                )  # now the senders find the handlers of other modules
-                stack.callback(self._say_goodbye, connection, error)
+                # From now on, senders find the handlers of other modules.
+                connection.post(Unregister(0, []), b"")
+                stack.callback(self._close_connection, connection, error)
                 raise
             finally:
                 if not self.is_replaced:
@@ -133,14 +132,14 @@ class Slot:
                 if self._loop is not None:
                     self._loop.close()
             if not self.is_replaced:
-                self._say_goodbye(connection)
+                self._close_connection(connection)
 
     def _is_over(self) -> bool:
         return self.is_replaced or self._serving.stop.is_set()
 
-    def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
-        connection.give_back()
-        connection.hear_threads()
+    def _close_connection(self, connection: Connection, error: BaseException | None = None) -> None:
+        connection.return_prefetched()
+        connection.run_requested_calls()
         for later in list(self._owed):
             later.module_ends()
         if error is not None:
@@ -154,7 +153,7 @@ class Slot:
             self._log.error("%s", lost)
 
     def _idle(self, seconds: float) -> bool:
-        """Call one callback, or wait for something to do; False if only central can bring that."""
+        """Call one callback, or wait for work; return False if only central can bring work."""
         callbacks = self.callbacks
         if callbacks.call_one():
             return True
@@ -165,12 +164,13 @@ class Slot:
             ready = self._loop.wait(patience, files)
         else:
             ready = wait(self._connection.transport, patience, files)
-        callbacks.found(ready)
+        callbacks.queue_due(ready)
         return True
 
-    def _attend(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
-        """Handle a message, to the end of its handler; *in_loop*: beside a coroutine that awaits,
-        if it is one, too.
+    def _handle_delivery(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
+        """Handle a message until its handler ends.
+
+        With *in_loop*, an ``async def`` handler runs beside the coroutine that is awaiting.
         """
         connection, loop = self._connection, self._loop
         handler = self._serving.handlers.get(delivery.message)
@@ -184,35 +184,39 @@ class Slot:
         begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
         if not handler.is_async:
             with working_on(begun):
-                self._end(handler, task, handler.handle(task, body))
+                self._finish(handler, task, handler.handle(task, body))
         elif loop is not None and in_loop:
             loop.start(begun, self._handle_async(handler, task, body))
         elif loop is not None and loop.is_running:
-            text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
-            hint = "await that one: task.query_send(...)"
-            self._end(
-                handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b"")
+            text = (
+                f"handler {handler.name} is 'async def', but a blocking call of the same thread"
+                " blocks its event loop: await that call with task.query_send(...)"
             )
+            self._finish(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, text), b""))
         else:
             if loop is None:
-                loop = self._loop = EventLoop(connection, partial(self._attend, in_loop=True))
+                loop = self._loop = EventLoop(
+                    connection, partial(self._handle_delivery, in_loop=True)
+                )
             # The reply leaves when the loop has stopped: the next message must not be handled
-            # inside of this one's.
+            # inside this one.
             answer = loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
-                self._end(handler, task, answer)
+                self._finish(handler, task, answer)
 
     async def _handle_async(self, handler: Handler, task: Task, body: bytes) -> None:
-        self._end(handler, task, await handler.handle_async(task, body))
+        self._finish(handler, task, await handler.handle_async(task, body))
 
-    def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
-        """A handler has returned: tell central, or see that somebody will."""
+    def _finish(self, handler: Handler, task: Task, answer: Answer) -> None:
+        """Send the outcome of a handler to central, or register the reply that it owes."""
         if task.later is not None and not isinstance(answer, LaterReply):
-            self._connection.hear_threads()  # before the failure
+            # what other threads have reported comes before the failure
+            self._connection.run_requested_calls()
         task.returned()
         if self.is_replaced:
             self._log.warning(
-                "handler %s has returned after all: another thread has its place", handler.name
+                "handler %s has returned after all: another thread has taken its place",
+                handler.name,
             )
             return
         if isinstance(answer, LaterReply):
@@ -220,13 +224,11 @@ class Slot:
             answer.returned()
             return
         header, body = answer
-        if isinstance(header, Reply) and self._connection.session.open_deliveries.was_told_to_end(
-            task.delivery
-        ):
-            header, body = (
-                Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"),
-                b"",
-            )
+        open_deliveries = self._connection.session.open_deliveries
+        # A handler that was woken by the end of its module may have stopped halfway.
+        if isinstance(header, Reply) and open_deliveries.was_woken_to_end(task.delivery):
+            text = f"its module ended while {handler.name} ran"
+            header, body = Fail(task.delivery, MODULE_LOST, text), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
         if isinstance(header, Reply):
@@ -244,18 +246,19 @@ class Slots:
     def __init__(self, module: str) -> None:
         self._module = module
         self._log = log_of(module)
-        self._callbacks: dict[str, Callbacks] = {}  #: by resource
+        self._callbacks: dict[str, Callbacks] = {}  #: resource -> callbacks of its thread
         self._lock = threading.Lock()
         self._slots: list[Slot] = []
-        self._opened = 0  #: number of all slots that were ever opened
-        self.left_behind = 0  #: number of those whose handlers hung
-        self._open_slot: OpenSlot | None = None  #: while the module runs
+        self._opened = 0  #: number of slots that were ever opened
+        self.left_behind = 0  #: number of slots whose handlers hung
+        self._open_slot: OpenSlot | None = None  #: set while the module runs
 
     def open(
         self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot
     ) -> None:
-        """Open the slots of these resources, and wait until messages are handled. Raises what
-        prevents it.
+        """Open the slots of *resources*, and wait until messages are handled.
+
+        Raises the error that prevents it.
         """
         with self._lock:
             self._open_slot = open_slot
@@ -269,8 +272,9 @@ class Slots:
                 raise slot.error
 
     def close(self, why: BaseException | None) -> list[BaseException]:
-        """Wait until all slots have ended; the errors that ended some early. A long wait is logged
-        with *why*.
+        """Wait until all slots have ended; return the errors that ended some early.
+
+        A long wait is logged, with *why* the module ends.
         """
         with self._lock:
             self._open_slot = None
@@ -278,7 +282,8 @@ class Slots:
         for slot in self._slots:
             if not slot.join(max(0.0, patience - time.monotonic())):
                 self._log.warning(
-                    "module '%s' ends%s, and waits for its handler of '%s' to return, which may look at task.cancelled",
+                    "module '%s' ends%s, and waits for its handler of '%s' to return"
+                    " (it can check task.cancelled)",
                     self._module,
                     f" ({type(why).__name__}: {why})" if why is not None else "",
                     slot.handling,
@@ -291,12 +296,13 @@ class Slots:
 
     @property
     def with_callbacks(self) -> set[str]:
-        """The resources whose threads have something to call."""
+        """The resources whose threads have callbacks to call."""
         return {resource for resource, callbacks in self._callbacks.items() if callbacks}
 
     def callbacks(self, resource: str) -> Callbacks:
-        """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if
-        it can't be.
+        """Return the callbacks of a resource's thread, which is started if the module runs.
+
+        Raises MisuseError if it can't be started.
         """
         with self._lock:
             if self._open_slot is not None and not self._has_thread(resource):
@@ -310,9 +316,7 @@ class Slots:
         return any(slot.hello.resource == resource for slot in self._slots)
 
     def _open(self, resource: str, open_slot: OpenSlot) -> None:
-        callbacks = Callbacks(
-            self._module
-        )  # of a further thread of the resource: it has none to call
+        callbacks = Callbacks(self._module)  # empty, for a further thread of the resource
         if not self._has_thread(resource):
             callbacks = self._callbacks.setdefault(resource, callbacks)
         self._add(resource, callbacks, open_slot)

@@ -1,1 +1,1 @@
-"""One connection's side of the protocol, in data: no socket, no clock, no thread."""
+"""A connection's protocol without I/O: requests, repeats, deliveries, redeclaration."""

@@ -1,8 +1,8 @@
-"""Numbers that know which central gave them.
+"""Numbers that know which central assigned them.
 
-A restarted central counts from 1 again, so an old number is somebody else's task by now. Numbers
-get into headers in many ways; so each carries the epoch of its central, and ``Connection`` checks
-all headers that leave. A plain number is taken as one of the central that gets it.
+A restarted central counts from 1 again, so an old number may belong to another task by now. Each
+number therefore carries the epoch of its central, and ``Connection`` checks all headers that leave.
+A plain number counts as one of the central that receives it.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,13 +21,13 @@ RESTARTED = "central was restarted and has forgotten its tree"
 
 
 class EpochNumber(int):
-    """A number from the central of *epoch*; *what* names its object, for people."""
+    """A number from the central of *epoch*. *what* names the numbered object, for people."""
 
     epoch: str
     what: str
 
     def __new__(cls, number: int, epoch: str = "", what: str = "") -> Self:
-        """Copies give *number* alone, and get the rest afterwards."""
+        """Create the number. Copying passes *number* alone and sets the rest afterwards."""
         self = super().__new__(cls, number)
         self.epoch, self.what = epoch, what
         return self
@@ -37,8 +37,10 @@ N = TypeVar("N", bound=int)
 
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
-    """The number as that central's; unchanged if it names nothing (0), or central is never
-    restarted (epoch "").
+    """Return the number as one of that central.
+
+    A number that names nothing (0) is unchanged, and so is any number of a central that never
+    restarts (epoch "").
     """
     if number <= 0 or not epoch:
         return number
@@ -47,7 +49,7 @@ def with_epoch(number: N, epoch: str, what: str) -> N:
 
 
 def numbers_in(header: msgspec.Struct) -> list[EpochNumber]:
-    """The numbers in a header that know their central, in the order of its fields."""
+    """Return the numbers in a header that know their central, in the order of its fields."""
     found: list[EpochNumber] = []
     parts = _reader(header.__class__)(header)
     if any(parts):
@@ -67,14 +69,12 @@ def _collect(parts: Iterable[Any], found: list[EpochNumber]) -> None:
 
 _NUMBERS = ("origin", "delivery", "id")
 _NAMING = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
-"""Names and types of the fields of headers, and of their parts, that name tasks and other things of
-a central.
-"""
+"""The names, and the types, of header fields that hold numbers of tasks and other objects."""
 
 
 @cache
 def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
-    """Reads the fields that may hold such numbers: each message passes here."""
+    """Return a reader of the fields that may hold such numbers; cached for speed."""
     hints = get_type_hints(kind)
     names = [name for name, hint in hints.items() if name in _NUMBERS or hint in _NAMING]
     return (
@@ -85,7 +85,7 @@ def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
 
 
 def first_foreign(numbers: Iterable[int], epoch: str) -> EpochNumber | None:
-    """The first of some numbers that another central than that of *epoch* has given."""
+    """Return the first number that another central than that of *epoch* has assigned."""
     for one in numbers:
         if isinstance(one, EpochNumber) and one.epoch != epoch:
             return one
@@ -93,11 +93,11 @@ def first_foreign(numbers: Iterable[int], epoch: str) -> EpochNumber | None:
 
 
 def forgotten_text(what: str) -> str:
-    """The text that something was forgotten with a central, and what to do."""
+    """Return the text that an object was forgotten with a central, and the remedy."""
     return f"{what} is lost: {RESTARTED}; send it again"
 
 
 def check_epoch(numbers: Iterable[int], epoch: str) -> None:
-    """Raise CentralLost if another central than that of *epoch* has given one of the numbers."""
+    """Raise CentralLost if another central than that of *epoch* has assigned one of the numbers."""
     if (lost := first_foreign(numbers, epoch)) is not None:
         raise CentralLost(forgotten_text(lost.what))

@@ -1,5 +1,7 @@
-"""Requests whose answers are not waited for any more. Central is told; a task of which it has not
-spoken is killed.
+"""Giving up requests whose answers are no longer wanted.
+
+Central is informed. A task that central has not acknowledged is killed, because nothing else could
+find it.
 """
 
 from typing import Any
@@ -11,28 +13,29 @@ from tca_wire.points import TaskId
 
 
 def abandon(session: Session, request: Request) -> None:
-    """Give a request up without a question."""
+    """Give a request up."""
     number, origin = request.header.number, getattr(request.header, "origin", 0)
     if isinstance(request.header, headers.Release | headers.GiveUp):
-        return  # central is to hear it all the same
+        return  # must reach central all the same
     if request.path is not None:
         request.path.abandon(request)
     elif session.requests.pop(number, None) is not None and request.wants_answer:
-        if (
-            request.was_sent
-        ):  # central may have it, also if it is away now: the GiveUp is repeated like all else
+        # Central may have it, even if it is away now. The GiveUp is repeated as any request is.
+        if request.was_sent:
             ask_why(session, request)
-    elif _is_recalled(session, request.header) and not (request.what and request.is_over):
-        why = "its sender has given it up, and does not know it"
+    elif _is_killed_if_given_up(session, request.header) and not (request.what and request.is_over):
+        why = "its sender has given up waiting for its id"
         session.request(headers.Kill(0, TaskId(-number), why, origin=origin))
         if request.what:
-            session.sends.untold -= 1
+            session.sends.unacknowledged -= 1
             request.is_over, request.lost = True, "it was given up"
 
 
 def ask_why(session: Session, request: Request) -> Request | None:
-    """Give up a request that took too long; the request that asks central why, None for a direct
-    one.
+    """Give up a request that took too long.
+
+    Returns the request that asks central for the reason of the delay; None if the request was sent
+    directly.
     """
     if request.path is not None:
         request.path.abandon(request)
@@ -45,18 +48,16 @@ def ask_why(session: Session, request: Request) -> Request | None:
 
 
 def fate_of(session: Session, request: Request) -> str:
-    """The fate of a request that was given up, in words."""
-    if _is_recalled(session, request.header):
-        return "is killed as soon as central answers, if it had heard of it"
+    """Return the fate of a request that was given up, in words."""
+    if _is_killed_if_given_up(session, request.header):
+        return "is killed as soon as central answers, if central received it"
     if isinstance(request.header, HARMLESS):
         return "is given up"
-    return "may yet be done, if central had heard of it"
+    return "may still be carried out, if central received it"
 
 
-def _is_recalled(session: Session, header: Any) -> bool:
-    """Whether a request that is given up unheard is killed: a task is, since only its sender could
-    find it.
-    """
+def _is_killed_if_given_up(session: Session, header: Any) -> bool:
+    """Return whether giving up this unacknowledged request kills its task."""
     if not isinstance(header, headers.Send) or header.when_killed:
         return False
     declared = session.messages.get(header.message)

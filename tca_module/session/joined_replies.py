@@ -1,40 +1,41 @@
-"""Replies that leave together: a slot that has messages ahead answers several with one header."""
+"""Joins replies: a slot with prefetched messages answers several with one header."""
 
 from typing import Any
 
 from tca_wire.packets.headers import Fail, Replies, Reply
 from tca_wire.packets.parts import EndedRun
 
-_TOGETHER = 64 << 10  # bytes of replies that may share a header
+_MAX_JOINED_BYTES = 64 << 10  # bytes of replies that may share a header
 _NIL = b"\xc0"
 
 Item = tuple[Any, bytes]
 
 
 class HeldReplies:
-    """The replies of a turn, in which a slot handles messages one after the other, until they are
-    sent.
+    """The replies of a turn, held back until they are sent together.
+
+    In a turn, a slot handles messages one after the other.
     """
 
     def __init__(self) -> None:
-        self._present = 0  #: the delivery that is handled in a turn (0: none is)
-        self._begun: float | None = None  #: when its handler began
-        self.ended: dict[int, float] = {}  #: by delivery, when its handler ended
+        self._present = 0  #: the delivery that is handled in this turn (0: none)
+        self._begun: float | None = None  #: when its handler started
+        self.ended: dict[int, float] = {}  #: delivery -> when its handler ended
 
     def begin(self, delivery: int, now: float) -> None:
-        """The turn comes to a delivery."""
+        """Start with the next delivery of the turn."""
         self._present, self._begun = delivery, now
 
     def stop(self) -> None:
-        """The turn is over."""
+        """End the turn."""
         self._present, self._begun = 0, None
 
     def clear(self) -> None:
-        """None is to be sent any more."""
+        """Forget all held replies."""
         self.ended.clear()
 
-    def take(self, header: Reply | Fail, now: float) -> bool:
-        """Hold a reply if it is of the turn; whether it is."""
+    def hold(self, header: Reply | Fail, now: float) -> bool:
+        """Hold a reply if it belongs to the turn; return whether it does."""
         if header.delivery != self._present or not isinstance(header, Reply):
             return False
         self.ended[header.delivery] = now
@@ -42,12 +43,9 @@ class HeldReplies:
         return True
 
     def joined(self, items: list[Item], now: float) -> list[Item]:
-        """What is to be sent, with held replies joined where nothing else is between them. They are
-        held no longer.
-        """
-        found: list[
-            Item
-        ] = []  # newest first, as all here: each has to say when the run after it began
+        """Return the items to send, with adjacent held replies joined. They are no longer held."""
+        # Newest first, as in all lists here: each reply says when the run after it started.
+        found: list[Item] = []
         begun = -1.0 if self._begun is None else now - self._begun
         runs: list[EndedRun] = []
         bodies: list[bytes] = []
@@ -58,8 +56,8 @@ class HeldReplies:
                 if isinstance(header, Reply) and not header.refusals
                 else None
             )
-            if runs and (ended is None or size + len(body) > _TOGETHER):
-                found.append(_together(runs, bodies, begun))
+            if runs and (ended is None or size + len(body) > _MAX_JOINED_BYTES):
+                found.append(_join(runs, bodies, begun))
                 begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0
             if ended is None:
                 found.append((header, body))
@@ -68,13 +66,13 @@ class HeldReplies:
             runs.append(EndedRun(header.delivery, now - ended, header.took, len(bodies[-1])))
             size += len(bodies[-1])
         if runs:
-            found.append(_together(runs, bodies, begun))
+            found.append(_join(runs, bodies, begun))
         self.clear()
         return found[::-1]
 
 
-def _together(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
-    """The replies of runs, newest first."""
+def _join(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
+    """Join the replies of runs, newest first, into one header."""
     if len(runs) == 1 and begun < 0:
         (run,) = runs
         return Reply(run.delivery, run.took), bodies[0] or _NIL

@@ -1,6 +1,7 @@
-"""The exception handlers and wiretaps that a program has attached to messages and to the root: a
-restarted central is told of them anew. All connections of a program share one list, from several
-threads.
+"""The exception handlers and wiretaps that a program has attached to messages and to the root.
+
+They are attached again at a restarted central. All connections of a program share one list, from
+several threads.
 """
 
 import threading
@@ -23,8 +24,8 @@ class LastingAttachment:
         self, header: Attach | Tap, formats: list[MessageFormat], number: EpochNumber
     ) -> None:
         self.header = header  #: the request that attached it
-        self.formats = formats  #: of the messages that it names
-        self.number = number  #: under which a central knows it
+        self.formats = formats  #: formats of the messages that it names
+        self.number = number  #: the id under which a central knows it
 
     def __str__(self) -> str:
         header = self.header
@@ -35,8 +36,9 @@ class LastingAttachment:
 
 
 def is_lasting(header: Any) -> bool:
-    """Whether a request attaches something to a message or to the root; an attachment to a task
-    ends with it.
+    """Return whether a request attaches something to a message or to the root.
+
+    An attachment to a task does not last: it ends with the task.
     """
     if isinstance(header, Attach):
         return bool(header.message) or header.task == ROOT
@@ -49,15 +51,16 @@ class LastingAttachments:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
-        self.unwanted: list[
-            LastingAttachment
-        ] = []  #: another connection than the one that removed them may know them
+        #: removed, but still known to a central that another connection of the program talks to
+        self.unwanted: list[LastingAttachment] = []
 
     def add(
         self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber
     ) -> None:
-        """Central has accepted it. The same wiretap keeps its place, anything else attached alike
-        is the newest.
+        """Add an attachment that central has accepted.
+
+        The same wiretap keeps its place. Any other attachment that replaces an equal one becomes
+        the newest.
         """
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
@@ -66,61 +69,56 @@ class LastingAttachments:
                 before.number = number
                 return
             self._wanted.pop(key, None)
-            names = (
-                header.listener if isinstance(header, Tap) else header.attachment.handler,
-                header.message,
-            )
-            named = [known[name] for name in names if name in known]
-            parts = [
-                known[part] for one in named for part in one.parts if part in known
-            ]  # a monitor's come before it
+            name = header.listener if isinstance(header, Tap) else header.attachment.handler
+            named = [known[each] for each in (name, header.message) if each in known]
+            # The messages that a monitor consists of must be declared before it.
+            parts = [known[part] for one in named for part in one.parts if part in known]
             self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
 
-    def of(self, header: Attach | Tap) -> LastingAttachment | None:
-        """The attachment that a request has made; None if it was to a task, or has been removed."""
+    def find(self, header: Attach | Tap) -> LastingAttachment | None:
+        """Return the attachment made by a request; None if it was to a task or has been removed."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch lacks, oldest first, with newer ones to
-        keep the order.
+        """Return the attachments to make at the central of that epoch, oldest first.
+
+        These are the first one that it lacks and all newer ones, so that the order is kept.
         """
         with self._lock:
             wanted = list(self._wanted.values())
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
         return wanted[first:]
 
-    def is_wanted(self, standing: LastingAttachment) -> bool:
-        """Whether it has not been removed or replaced."""
+    def is_wanted(self, attachment: LastingAttachment) -> bool:
+        """Return whether an attachment has not been removed or replaced."""
         with self._lock:
-            return self._wanted.get(_key(standing.header)) is standing
+            return self._wanted.get(_key(attachment.header)) is attachment
 
-    def forget(self, standing: LastingAttachment, epoch: str) -> None:
-        """Remove it; *epoch* is that of the central that the caller's connection knows."""
+    def forget(self, attachment: LastingAttachment, epoch: str) -> None:
+        """Remove an attachment. *epoch*: of the central that the caller's connection knows."""
         with self._lock:
-            key = _key(standing.header)
-            if self._wanted.get(key) is standing:
+            key = _key(attachment.header)
+            if self._wanted.get(key) is attachment:
                 del self._wanted[key]
-            if standing.number.epoch != epoch:
-                self.unwanted.append(standing)
+            if attachment.number.epoch != epoch:
+                self.unwanted.append(attachment)
 
-    def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch still has, though they were removed. Each
-        once.
-        """
+    def pop_unwanted(self, epoch: str) -> list[LastingAttachment]:
+        """Remove and return the unwanted attachments that the central of that epoch still has."""
         with self._lock:
             unwanted = [one for one in self.unwanted if one.number.epoch == epoch]
             self.unwanted = [one for one in self.unwanted if one.number.epoch != epoch]
         return unwanted
 
     def clear(self) -> None:
-        """The program leaves, and attaches nothing anew."""
+        """Forget all attachments, because the program leaves."""
         with self._lock:
             self._wanted.clear()
 
 
 def _key(header: Attach | Tap) -> tuple[Any, ...]:
-    """Equal where one attachment replaces another."""
+    """Return a key that is equal where one attachment replaces another."""
     if isinstance(header, Tap):
         return Tap, header.message, header.condition, header.listener
     return Attach, header.message, header.attachment.failure, header.attachment.handler

@@ -1,9 +1,11 @@
 """The deliveries that are not answered yet, and what their handlers have been told.
 
-A handler is woken from its present or next wait once because its task was killed or is to be
-handled again, and once because its module ends. Reading ``task.cancelled`` as true counts as being
-told. Later waits work as ever, so that it can clean up. The context tells which handler waits: for
-asyncio tasks, the one that started them.
+A handler is woken from its present or next wait once because its task was killed or is retried, and
+once because its module ends. Reading ``task.cancelled`` as true counts as being woken. Later waits
+work as usual, so the handler can clean up.
+
+The context identifies the waiting handler. An asyncio task counts as part of the handler that
+started it.
 """
 
 from collections import deque
@@ -22,7 +24,7 @@ ENDS = "its module ends"
 
 
 def never() -> bool:
-    """Nobody is told to end: outside of modules."""
+    """Always return False: outside of modules, nothing ends handlers."""
     return False
 
 
@@ -34,8 +36,8 @@ class OpenDelivery:
         "is_killed",
         "is_shielded",
         "is_suspended",
-        "is_told_of_end",
-        "is_told_of_kill",
+        "knows_of_end",
+        "knows_of_kill",
         "name",
         "on_request",
         "owner",
@@ -50,29 +52,27 @@ class OpenDelivery:
         self.owner = owner
         self.delivery = delivery
         self.name = ""  #: its message, for people
-        self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
-        self.why_killed = ""  #: and by whom
-        self.is_shielded = False  #: its handler cleans up, and is not woken meanwhile
-        self.is_suspended = is_suspended  #: its task
-        self.is_told_of_kill = False  #: the handler knows it
-        self.is_told_of_end = False  #: the handler knows that the module ends
-        self.requested: deque[tuple[Requested, bytes]] | None = (
-            None  #: what clients have asked for, if anything
-        )
-        self.on_request: tuple[Callable[[], None], ...] = ()  #: become news with each of those
-        self.state: Any = None  #: its task's, as the handler knows it; made when it is first needed
+        self.is_killed = False  #: its task was killed, is retried, or was forgotten
+        self.why_killed = ""  #: the reason of the kill
+        self.is_shielded = False  #: its handler cleans up and must not be woken
+        self.is_suspended = is_suspended  #: its task is suspended
+        self.knows_of_kill = False  #: the handler knows of the kill
+        self.knows_of_end = False  #: the handler knows that the module ends
+        #: requests of clients, if any
+        self.requested: deque[tuple[Requested, bytes]] | None = None
+        self.on_request: tuple[Callable[[], None], ...] = ()  #: called soon after each request
+        #: the state of its task as the handler knows it, created when first needed
+        self.state: Any = None
 
 
 class OpenDeliveries:
     """The open deliveries of one connection."""
 
     def __init__(self) -> None:
-        self.is_ending: Callable[[], bool] = (
-            never  #: whether the module ends, and handlers are to be told
-        )
-        self._known: dict[
-            int, OpenDelivery
-        ] = {}  #: by delivery; one that came directly (< 0) from its beginning
+        #: whether the module ends, so that handlers must be woken
+        self.is_ending: Callable[[], bool] = never
+        #: by number; a direct delivery (< 0) is added when its handler starts
+        self._known: dict[int, OpenDelivery] = {}
 
     def __contains__(self, delivery: int) -> bool:
         return delivery in self._known
@@ -80,186 +80,195 @@ class OpenDeliveries:
     def __len__(self) -> int:
         return len(self._known)
 
-    def knows(self, one: OpenDelivery | None) -> bool:
-        """Whether a handler is still at its delivery, and central has not forgotten it."""
-        return one is not None and self._known.get(one.delivery) is one
+    def knows(self, handler: OpenDelivery | None) -> bool:
+        """Return whether a delivery is still open: neither answered nor forgotten by central."""
+        return handler is not None and self._known.get(handler.delivery) is handler
 
     @property
     def begun(self) -> list[int]:
-        """The deliveries whose handlers have begun."""
-        return [delivery for delivery, one in self._known.items() if one.name]
+        """The deliveries whose handlers have started."""
+        return [delivery for delivery, handler in self._known.items() if handler.name]
 
     def name_of(self, delivery: int) -> str:
-        """The message of a delivery whose handler has begun."""
-        one = self._known.get(delivery)
-        return one.name if one is not None else ""
+        """Return the message of a delivery whose handler has started."""
+        handler = self._known.get(delivery)
+        return handler.name if handler is not None else ""
 
     def add(self, delivery: int, *, is_suspended: bool) -> None:
-        """A message is to be handled."""
+        """Add a delivery that will be handled."""
         self._known[delivery] = OpenDelivery(self, delivery, is_suspended=is_suspended)
 
     def kill(self, delivery: int, why: str = "") -> None:
-        """The task of a delivery was killed, or is to be handled again."""
-        if (one := self._known.get(delivery)) is not None:
-            one.is_killed, one.why_killed = True, why
+        """Record that the task of a delivery was killed or is retried."""
+        if (handler := self._known.get(delivery)) is not None:
+            handler.is_killed, handler.why_killed = True, why
 
     def suspend(self, delivery: int, *, is_suspended: bool) -> None:
-        """The task of a delivery was suspended or resumed."""
-        if (one := self._known.get(delivery)) is not None:
-            one.is_suspended = is_suspended
+        """Record that the task of a delivery was suspended or resumed."""
+        if (handler := self._known.get(delivery)) is not None:
+            handler.is_suspended = is_suspended
 
     def request(self, header: Requested, body: bytes) -> tuple[Callable[[], None], ...]:
-        """A client wants something of a delivery's handler; what is to be called because of it."""
-        if (one := self._known.get(header.delivery)) is None:
+        """Add a client's request to a delivery; return the functions to call because of it."""
+        if (handler := self._known.get(header.delivery)) is None:
             return ()
-        if one.requested is None:
-            one.requested = deque()
-        one.requested.append((header, body))
-        return one.on_request
+        if handler.requested is None:
+            handler.requested = deque()
+        handler.requested.append((header, body))
+        return handler.on_request
 
     def forget(self) -> None:
-        """Central was restarted and has forgotten them; it may use the same numbers again."""
-        for delivery, one in self._known.items():
-            one.is_killed, one.why_killed = (
-                delivery > 0,
-                "central was restarted and has forgotten it",
-            )
-        self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
+        """Forget all deliveries of a restarted central, which may use the same numbers again."""
+        for delivery, handler in self._known.items():
+            handler.is_killed = delivery > 0
+            handler.why_killed = "central was restarted and has forgotten it"
+        self._known = {
+            delivery: handler for delivery, handler in self._known.items() if delivery < 0
+        }
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
-        """A handler begins with a delivery."""
-        one = self._known.get(delivery)
-        if one is None:
-            one = self._known[delivery] = OpenDelivery(self, delivery)
-        one.name = name
-        return one
+        """Start the handler of a delivery."""
+        handler = self._known.get(delivery)
+        if handler is None:
+            handler = self._known[delivery] = OpenDelivery(self, delivery)
+        handler.name = name
+        return handler
 
-    def end(self, delivery: int) -> bool:
-        """A delivery has been handled; False if central has forgotten it."""
-        one = self._of(delivery)
-        if not self.knows(one):
+    def remove(self, delivery: int) -> bool:
+        """Remove a delivery that has been handled; return False if central has forgotten it."""
+        handler = self._find(delivery)
+        if not self.knows(handler):
             return False
         del self._known[delivery]
         return True
 
-    def _of(self, delivery: int) -> OpenDelivery | None:
-        """The open delivery of that number; a handler that asks for its own never gets a newer one
-        of that number.
+    def _find(self, delivery: int) -> OpenDelivery | None:
+        """Return the open delivery of that number.
+
+        A handler that asks for its own number never gets a newer delivery of the same number.
         """
-        mine = current_delivery()
-        if mine is not None and mine.owner is self and mine.delivery == delivery:
-            return mine
+        own = current_delivery()
+        if own is not None and own.owner is self and own.delivery == delivery:
+            return own
         return self._known.get(delivery)
 
     def state_of(self, delivery: int, make: Callable[[OpenDelivery], S]) -> S:
-        """The state of the task of a delivery, as its handler knows it; made when it is first asked
-        for.
+        """Return the state of a delivery's task as its handler knows it; create it when first
+        needed.
         """
-        one = self._of(delivery)
-        assert one is not None
-        if one.state is None:
-            one.state = make(one)
-        state: S = one.state
+        handler = self._find(delivery)
+        assert handler is not None
+        if handler.state is None:
+            handler.state = make(handler)
+        state: S = handler.state
         return state
 
     def is_killed(self, delivery: int) -> bool:
-        """Whether the task of a delivery was killed or forgotten; never that of a direct one (<
-        0).
+        """Return whether the task of a delivery was killed or forgotten.
+
+        Never true for a direct delivery (< 0).
         """
-        one = self._of(delivery)
-        return one.is_killed if one is not None else delivery > 0
+        handler = self._find(delivery)
+        return handler.is_killed if handler is not None else delivery > 0
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether a delivery's handler is to clean up and return: its task was killed, or the
-        module ends.
+        """Return whether a delivery's handler should clean up and return.
+
+        It should if its task was killed or the module ends.
         """
         return self.is_killed(delivery) or self.is_ending()
 
     def read_cancelled(self, delivery: int) -> bool:
-        """Whether it ``is_cancelled``, for its handler, which has been told everything by then."""
+        """Return ``is_cancelled`` to the handler, which then counts as woken."""
         if is_cancelled := self.is_cancelled(delivery):
-            self.mark_told(self._of(delivery))
+            self.mark_notified(self._find(delivery))
         return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of a delivery is suspended; a killed one is to end instead."""
-        one = self._of(delivery)
-        return one is not None and one.is_suspended and not self.is_cancelled(delivery)
+        """Return whether the task of a delivery is suspended; False once it must end instead."""
+        handler = self._find(delivery)
+        return handler is not None and handler.is_suspended and not self.is_cancelled(delivery)
 
-    def was_told_to_end(self, delivery: int) -> bool:
-        """Whether the handler was told to return because the module ends, and so may have stopped
+    def was_woken_to_end(self, delivery: int) -> bool:
+        """Return whether the handler was woken because the module ends, and so may have stopped
         halfway.
         """
-        one = self._of(delivery)
-        return one is not None and one.is_told_of_end and not one.is_killed
+        handler = self._find(delivery)
+        return handler is not None and handler.knows_of_end and not handler.is_killed
 
-    def wake_reason(self, one: OpenDelivery | None) -> str:
-        """Why a handler is to be woken: KILLED, ENDS or "". A callback (None) is woken whenever the
-        module ends.
+    def wake_reason(self, handler: OpenDelivery | None) -> str:
+        """Return why a handler must be woken: KILLED, ENDS or "".
+
+        A callback (None) is always woken when the module ends.
         """
-        if one is not None and one.is_shielded:
+        if handler is not None and handler.is_shielded:
             return ""
-        if one is not None and one.is_killed and not one.is_told_of_kill:
+        if handler is not None and handler.is_killed and not handler.knows_of_kill:
             return KILLED
-        return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
+        return (
+            ENDS if self.is_ending() and not (handler is not None and handler.knows_of_end) else ""
+        )
 
-    def mark_told(self, one: OpenDelivery | None) -> None:
-        """A handler has been told everything by now."""
-        if one is not None:
-            one.is_told_of_kill = one.is_killed
-            one.is_told_of_end = self.is_ending()
+    def mark_notified(self, handler: OpenDelivery | None) -> None:
+        """Record that a handler knows of its kill and of the module's end, if there are such."""
+        if handler is not None:
+            handler.knows_of_kill = handler.is_killed
+            handler.knows_of_end = self.is_ending()
 
     @contextmanager
     def shielded(self) -> Iterator[None]:
-        """A block in which the calling handler is not woken: it cleans up."""
-        one = self.waiting_handler()
-        before = one is not None and one.is_shielded
-        if one is not None:
-            one.is_shielded = True
+        """Return a block in which the calling handler is not woken, so that it can clean up."""
+        handler = self.waiting_handler()
+        before = handler is not None and handler.is_shielded
+        if handler is not None:
+            handler.is_shielded = True
         try:
             yield
         finally:
-            if one is not None:
-                one.is_shielded = before
+            if handler is not None:
+                handler.is_shielded = before
 
     def waiting_handler(self) -> OpenDelivery | None:
-        """The handler that waits now; None for a callback, or outside of handlers."""
-        one = _at_work.get()
-        return one if one is not None and one.owner is self else None
+        """Return the calling handler; None in a callback or outside of handlers."""
+        handler = _at_work.get()
+        return handler if handler is not None and handler.owner is self else None
 
 
 def task_is_killed() -> bool:
-    """Whether the task of the calling handler was killed."""
-    one = _at_work.get()
-    return one is not None and one.is_killed
+    """Return whether the task of the calling handler was killed."""
+    handler = _at_work.get()
+    return handler is not None and handler.is_killed
 
 
 def current_delivery(context: Context | None = None) -> OpenDelivery | None:
-    """The delivery that the caller, or a *context*, works for."""
+    """Return the delivery that the caller, or a *context*, works for."""
     return _at_work.get() if context is None else context.get(_at_work, None)
 
 
 _at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 
 
-class working_on:  # noqa: N801 - every message passes here, and a generator would cost it two microseconds
-    """Work within the block is for that delivery; None: for none."""
+# A class rather than a generator, which would cost every message two microseconds.
+class working_on:  # noqa: N801
+    """A block in which work is for that delivery (None: for none)."""
 
-    __slots__ = ("_one", "_token")
+    __slots__ = ("_handler", "_token")
 
-    def __init__(self, one: OpenDelivery | None) -> None:
-        self._one = one
+    def __init__(self, handler: OpenDelivery | None) -> None:
+        self._handler = handler
 
     def __enter__(self) -> None:
-        self._token = _at_work.set(self._one)
+        self._token = _at_work.set(self._handler)
 
     def __exit__(self, *_: object) -> None:
         _at_work.reset(self._token)
 
 
-def wake_error(one: OpenDelivery | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
-    """The error that wakes a handler or callback from the wait for *what*."""
-    if why == KILLED and one is not None:
-        reason = f"{one.why_killed}; " if one.why_killed else ""
-        return TaskKilled(one.name, f"{reason}{what} is not waited for any more")
-    return Stopped(f"module '{module}' ends: {what} is not waited for any more")
+def wake_error(
+    handler: OpenDelivery | None, why: str, module: str, what: str
+) -> TaskKilled | Stopped:
+    """Return the error that wakes a handler or callback from the wait for *what*."""
+    if why == KILLED and handler is not None:
+        reason = f"{handler.why_killed}; " if handler.why_killed else ""
+        return TaskKilled(handler.name, f"{reason}{what} is given up")
+    return Stopped(f"module '{module}' ends: {what} is given up")

@@ -1,8 +1,8 @@
-"""Repeats to a restarted central all that it has forgotten, in order.
+"""Repeats to a restarted central everything that it has forgotten, in order.
 
 First the messages; then exception handlers and wiretaps, oldest first; then the module waits for
-the messages it requires. Only then are its handlers declared: other modules may rely on its
-attachments. What is refused is logged and tried again.
+the messages that it requires. Only then are its handlers declared, because other modules may rely
+on its attachments. A refused request is logged and tried again.
 """
 
 from collections.abc import Callable
@@ -16,118 +16,119 @@ from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 
 AGAIN = 5.0  # seconds until a refused request is tried again
-PATIENCE = 5.0  # seconds that required messages are waited for without a word
+PATIENCE = 5.0  # seconds of waiting for required messages before this is logged
 _NEVER = float("inf")
 
 Ask = Callable[..., Request]
-"""``Session.request``."""
+"""The type of ``Session.request``."""
 
 
 class Redeclaration:
-    """Declares all anew to a restarted central. Only the connection that declares a module's
-    handlers does.
+    """Declares everything to a restarted central.
+
+    Only the connection that declares a module's handlers does so.
     """
 
     def __init__(
         self,
         attachments: LastingAttachments,
         ask: Ask,
-        say: Callable[[str], None],
-        over: Callable[[], None],
+        log: Callable[[str], None],
+        on_over: Callable[[], None],
     ) -> None:
         self.required: list[str] = []  #: messages without which the module does not serve
         self.is_over = True  #: handlers may be declared
         self._attachments = attachments
         self._ask = ask
-        self._say = say  #: for the log
-        self._over = over  #: called when handlers may be declared, if not at once
-        self._said: set[str] = set()
+        self._log = log  #: logs a line
+        self._on_over = on_over  #: called when handlers may be declared, if not at once
+        self._logged: set[str] = set()
         self._reset("", {})
 
     def _reset(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         self._epoch, self._messages = epoch, messages
-        self._open = 0  #: requests that are not answered
+        self._open = 0  #: number of unanswered requests
         self._attached = 0
         self._is_refused = False
         self._is_waiting = False  #: for required messages
-        self._due = _NEVER  #: when there is something to do without a word of central's
-        self._said.clear()
+        self._due = _NEVER  #: when there is something to do even if central sends nothing
+        self._logged.clear()
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``tend`` may have something to do."""
+        """Whether ``send_due`` may have something to do."""
         return not self.is_over or bool(self._attachments.unwanted)
 
     @property
     def is_answered_soon(self) -> bool:
-        """Whether central has been asked for something that it answers at once."""
+        """Whether a request is open that central answers at once."""
         return self._open > 0 and not self._is_waiting
 
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
-        """The central of that epoch knows nothing. With nothing but handlers to declare, this is
-        over at once.
+        """Start with the central of that epoch, which knows nothing.
+
+        If there are only handlers to declare, this is over at once.
         """
         self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))
         if not self.is_over:
-            self._tell()
+            self._declare()
 
-    def _tell(self) -> None:
+    def _declare(self) -> None:
         self._is_refused, self._due = False, _NEVER
-        for standing in self._attachments.unknown_to(self._epoch):
-            watch = getattr(standing.header, "watch", None)
-            if (
-                watch is not None
-                and watch.until is not None
-                and standing.number.epoch != self._epoch
-            ):
-                self._attachments.forget(
-                    standing, standing.number.epoch
-                )  # the monitor would never end
-                self._say(
-                    f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}"
+        for attachment in self._attachments.unknown_to(self._epoch):
+            watch = getattr(attachment.header, "watch", None)
+            is_old = attachment.number.epoch != self._epoch
+            if watch is not None and watch.until is not None and is_old:
+                # Central has forgotten the task at whose point the monitor ends.
+                self._attachments.forget(attachment, attachment.number.epoch)
+                self._log(
+                    f"the {attachment} is lost: {RESTARTED}, so it can't watch until {watch.until}"
                 )
         unknown = self._attachments.unknown_to(self._epoch)
         formats = self._messages | {
-            one.name: one for standing in unknown for one in standing.formats
+            one.name: one for attachment in unknown for one in attachment.formats
         }
         for header in registers(formats.values()):
             self._request(header, "messages that were declared")
-        for standing in unknown:
-            self._request(standing.header, f"the {standing}", standing)
+        for attachment in unknown:
+            self._request(attachment.header, f"the {attachment}", attachment)
 
     def _request(
         self,
         header: Any,
         what: str,
-        standing: LastingAttachment | None = None,
+        attachment: LastingAttachment | None = None,
         *,
         waits: bool = False,
     ) -> None:
         self._open += 1
         request = self._ask(header, wants_answer=waits)
-        request.settled = lambda over: self._settled(over, what, standing)
+        request.on_over = lambda over: self._on_request_over(over, what, attachment)
 
-    def _settled(self, request: Request, what: str, standing: LastingAttachment | None) -> None:
+    def _on_request_over(
+        self, request: Request, what: str, attachment: LastingAttachment | None
+    ) -> None:
         if request.lost:
-            return  # with a central that was restarted, too: ``begin`` follows
+            return  # that central was restarted, too: ``begin`` follows
         self._open -= 1
         if request.refused is not None:
             text = f"central was restarted, and refuses {what}: {request.refused.text}"
-            if not self._is_refused or standing is None:  # the rest may only follow from that
-                self._say_once(
-                    f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before"
+            # later refusals may only follow from the first
+            if not self._is_refused or attachment is None:
+                self._log_once(
+                    f"{text}; tried again every {AGAIN:g} s, and no handler is declared before"
                 )
             self._is_refused = True
-        elif standing is not None and request.accepted is not None:
+        elif attachment is not None and request.accepted is not None:
             self._attached += 1
-            standing.number = request.accepted
-            if not self._attachments.is_wanted(standing):  # it was removed meanwhile
-                self._ask(headers.Remove(0, standing.number))
+            attachment.number = request.accepted
+            if not self._attachments.is_wanted(attachment):  # removed in the meantime
+                self._ask(headers.Remove(0, attachment.number))
         if not self._open:
-            self._go_on()
+            self._continue()
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         if self._is_refused:
             return
         if self.required and not self._is_waiting:
@@ -138,28 +139,29 @@ class Redeclaration:
             return
         self.is_over, self._due = True, _NEVER
         if self._attached:
-            self._say(
-                f"central was restarted: exception handlers and wiretaps attached anew: {self._attached}"
+            self._log(
+                "central was restarted: exception handlers and wiretaps attached again:"
+                f" {self._attached}"
             )
-        self._over()
+        self._on_over()
 
-    def tend(self, now: float) -> float:
-        """Do what it is time for; when there is more to do, if central says nothing before."""
-        for standing in self._attachments.take_unwanted(self._epoch):
-            self._ask(headers.Remove(0, standing.number))
+    def send_due(self, now: float) -> float:
+        """Make the requests that are due; return when the next ones will be."""
+        for attachment in self._attachments.pop_unwanted(self._epoch):
+            self._ask(headers.Remove(0, attachment.number))
         if self.is_over or self.is_answered_soon:
             return _NEVER
         if self._due == _NEVER:
             self._due = now + (AGAIN if self._is_refused else PATIENCE)
         elif now >= self._due and self._is_refused:
-            self._tell()
+            self._declare()
         elif now >= self._due:
             self._due = now + PATIENCE
             names = ", ".join(f"'{name}'" for name in self.required)
-            self._say_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
+            self._log_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
         return self._due
 
-    def _say_once(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
-            self._say(text)
+    def _log_once(self, text: str) -> None:
+        if text not in self._logged:
+            self._logged.add(text)
+            self._log(text)

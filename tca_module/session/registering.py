@@ -1,4 +1,4 @@
-"""What a module declares, in as many requests as central takes at a time."""
+"""Splits declarations into requests that central accepts."""
 
 from collections.abc import Iterable, Iterator
 
@@ -6,7 +6,8 @@ from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.vocabulary import Limit
 
-_MOST = int(Limit.LIST) // 2  # declarations in a request: everybody else waits for it
+# declarations in one request: all others wait while central handles it
+_MOST = int(Limit.LIST) // 2
 _BYTES = int(Limit.HEADER) // 2
 
 
@@ -16,26 +17,27 @@ def registers(
     *,
     is_ready: bool = False,
 ) -> list[Register]:
-    """The requests that declare messages and handlers, to be made in this order; most times one."""
+    """Return the requests that declare messages and handlers, in order; most times one."""
     messages, handlers = list(messages), list(handlers)
     if len(messages) + len(handlers) <= _MOST and sum(map(_size, messages)) <= _BYTES:
         return [Register(0, messages, handlers, is_ready)]
-    of_handlers = [handlers[at : at + _MOST] for at in range(0, len(handlers), _MOST)] or [[]]
-    declared = [Register(0, some) for some in _divided(messages)]
-    handled = [Register(0, [], some) for some in of_handlers[:-1]]
-    return [*declared, *handled, Register(0, [], of_handlers[-1], is_ready)]
+    parts = [handlers[at : at + _MOST] for at in range(0, len(handlers), _MOST)] or [[]]
+    declared = [Register(0, part) for part in _split(messages)]
+    handled = [Register(0, [], part) for part in parts[:-1]]
+    # The last request says *is_ready*: everything else is declared by then.
+    return [*declared, *handled, Register(0, [], parts[-1], is_ready)]
 
 
-def _divided(messages: list[MessageFormat]) -> Iterator[list[MessageFormat]]:
-    some: list[MessageFormat] = []
+def _split(messages: list[MessageFormat]) -> Iterator[list[MessageFormat]]:
+    part: list[MessageFormat] = []
     size = 0
     for message in messages:
-        if some and (len(some) == _MOST or size + _size(message) > _BYTES):
-            yield some
-            some, size = [], 0
-        some.append(message)
+        if part and (len(part) == _MOST or size + _size(message) > _BYTES):
+            yield part
+            part, size = [], 0
+        part.append(message)
         size += _size(message)
-    yield some
+    yield part
 
 
 def _size(message: MessageFormat) -> int:

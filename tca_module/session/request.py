@@ -1,4 +1,4 @@
-"""One request of central and its answers; and the kinds of requests."""
+"""One request to central and its answers; and the kinds of requests."""
 
 from collections import deque
 from collections.abc import Callable
@@ -19,13 +19,13 @@ _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 _ABOUT_CENTRAL = (
     headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | Observe
 )
-"""Questions of how things stand now: after a restart as before."""
+"""Questions about the present state. They mean the same after a restart of central."""
 
 HARMLESS = _ABOUT_CENTRAL | headers.AwaitPoint | headers.Lock
-"""Requests that may be made twice: the second changes nothing."""
+"""Requests that may be made twice: the second one changes nothing."""
 
 WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled | Observe
-"""Requests that central answers when others have done something."""
+"""Requests that central answers when other modules have done something."""
 
 _WITHOUT_TASKS = (
     Register,
@@ -41,16 +41,18 @@ _WITHOUT_TASKS = (
 
 
 class DirectWay(Protocol):
-    """The way of a request that does not go through central."""
+    """The path of a request that does not go through central."""
 
     def abandon(self, request: "Request") -> None:
         """Give the request up."""
 
 
 class Request:
-    """A numbered request and its answers. It is over when it was accepted, its last answer is
-    there, it was refused, or it was lost with central's memory. A query that was not sent, because
-    nobody handles it, is accepted with id 0.
+    """A numbered request and its answers.
+
+    It is over when central has accepted it, when its last answer has arrived, or when it was
+    refused or lost with central's memory. A query that central did not send, because the message
+    has no handler, is accepted with id 0.
     """
 
     __slots__ = (
@@ -59,9 +61,8 @@ class Request:
         "after",
         "answers",
         "body",
-        "by",
         "epoch",
-        "gone",
+        "forgotten_subject",
         "header",
         "is_announced",
         "is_over",
@@ -69,57 +70,55 @@ class Request:
         "mark",
         "notify",
         "number",
+        "on_over",
         "path",
         "refused",
         "repeated",
         "seen",
-        "settled",
-        "taken",
-        "wakes",
+        "sender_name",
+        "wake",
         "wants_answer",
         "was_sent",
         "what",
+        "why_lock_lost",
     )
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
         self.body = body
-        self.wants_answer = wants_answer  #: Accepted is not the end of it
-        self.was_sent = False  #: central may have got it
+        self.wants_answer = wants_answer  #: an Answer follows, so Accepted does not end it
+        self.was_sent = False  #: central may have received it
         self.epoch = ""  #: of the central that it was sent to last
-        self.repeated = False  #: was sent more than once
+        self.repeated = False  #: it was sent more than once
         self.is_over = False
-        self.seen = 0  #: answers of one that goes on, since it was sent
-        self.is_announced = (
-            False  #: central knows that the sender, who went on, now waits for the answer
-        )
+        self.seen = 0  #: number of answers, other than the last one, since it was sent
+        #: central knows that the sender, which had continued, now waits for the answer
+        self.is_announced = False
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""  #: how it was lost with central's memory
-        self.gone = ""  #: its subject, where a restarted central has forgotten that
-        self.taken = ""  #: of a lock that was granted: how it was lost
-        self.path: DirectWay | None = (
-            None  #: the way that it went directly, under that way's *number*
-        )
+        #: the name of its object, if a restarted central has forgotten that
+        self.forgotten_subject = ""
+        self.why_lock_lost = ""  #: for a granted lock: how it was lost
+        #: the direct path on which it was sent, with *number*
+        self.path: DirectWay | None = None
         self.number = 0
-        self.what = ""  #: of what was sent without waiting, a task mostly: its name, for people
-        self.by = ""  #: and the message whose handler has sent it
-        self.after: list[
-            TaskId
-        ] = []  #: and the siblings that it was to come after, until it is accepted
-        self.mark = 0  #: how many statements had been sent before it
-        self.notify: Callable[[], None] | None = (
-            None  #: becomes news with each answer, and when it is over
-        )
-        self.wakes: Callable[[], None] | None = None  #: so does this, for coroutines that await it
-        self.settled: Callable[[Request], None] | None = (
-            None  #: called by the session itself, when it is over
-        )
+        # Three attributes of tasks and changes that were sent without waiting for central:
+        self.what = ""  #: its name, for people
+        self.sender_name = ""  #: the message whose handler has sent it
+        self.after: list[TaskId] = []  #: the siblings it must come after, until it is accepted
+        self.mark = 0  #: number of statements that were sent before it
+        #: called soon after each answer, and when it is over
+        self.notify: Callable[[], None] | None = None
+        #: the same for coroutines that await the request
+        self.wake: Callable[[], None] | None = None
+        #: called at once by the session when it is over
+        self.on_over: Callable[[Request], None] | None = None
 
     @property
     def is_unannounced(self) -> bool:
-        """Whether it is open, and central does not know if its sender waits by now."""
+        """Whether it is open, and central does not know whether its sender waits by now."""
         header = self.header
         if self.what:
             return (
@@ -135,12 +134,12 @@ class Request:
 
     @property
     def waits_for_others(self) -> bool:
-        """Whether the answer comes only when others have done something."""
+        """Whether the answer comes only when other modules have done something."""
         return self.wants_answer and isinstance(self.header, WAITS_FOR_OTHERS)
 
     @property
     def is_ended_by_kill(self) -> bool:
-        """Whether it was ended by a kill."""
+        """Whether a kill ended it."""
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
 
@@ -151,7 +150,7 @@ class Request:
 
     @property
     def why_failed(self) -> str:
-        """The error that it came to, in words."""
+        """Its error in words, "" if it has none."""
         try:
             self.check(self.what)
         except TcaError as error:
@@ -159,37 +158,37 @@ class Request:
         return ""
 
     @property
-    def why_unheard(self) -> str:
-        """The error that it came to, for the log: nobody has asked for it."""
-        if not self.by:
+    def error_for_log(self) -> str:
+        """Its error for the log, because its sender did not receive it."""
+        if not self.sender_name:
             return self.why_failed
-        advice = "to read the '.id' of what it sends raises it there"
-        return f"the handler of {self.by} ended before it heard this: {self.why_failed}; {advice}"
+        advice = "reading the '.id' of a sent task raises its error in the handler"
+        error = f"the handler of {self.sender_name} ended before this error: {self.why_failed}"
+        return f"{error}; {advice}"
 
     def check(self, what: object) -> None:
-        """Raise the error it came to, if any; *what* names the request."""
+        """Raise its error, if it has one. *what* names the request."""
         if self.refused is not None:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(str(what), self.refused.refusal, self.refused.text)
-        if self.gone:
-            raise CentralLost(forgotten_text(self.gone))
+        if self.forgotten_subject:
+            raise CentralLost(forgotten_text(self.forgotten_subject))
         if self.lost:
-            advice = "begin anew" if refers_to_tasks(self.header) else "ask again"
-            advice = (
-                "send the task again" if isinstance(self.header, headers.AwaitPoint) else advice
-            )
+            advice = "start again" if refers_to_tasks(self.header) else "ask again"
+            if isinstance(self.header, headers.AwaitPoint):
+                advice = "send the task again"
             raise CentralLost(f"{what} is lost: {self.lost}; {advice}")
 
 
 def is_for_any_central(header: Any) -> bool:
-    """Whether it changes nothing, and any central can answer it."""
+    """Return whether a request changes nothing, and any central can answer it."""
     if isinstance(header, Register):
         return not header.handlers
     return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
 
 
 def refers_to_tasks(header: Any) -> bool:
-    """Whether it makes sense only to the central that knows its tasks."""
+    """Return whether a request makes sense only to the central that knows its tasks."""
     watch = getattr(header, "watch", None)
     if watch is not None and watch.until is not None:
         return True
@@ -205,10 +204,10 @@ def refers_to_tasks(header: Any) -> bool:
 
 
 def check_fields(header: ToCentral) -> None:
-    """Raise MisuseError for an option of the wrong type: central could not even read the header."""
+    """Raise MisuseError for a field of the wrong type: central could not even read the header."""
     try:
         wrong = misfit(header)
     except UnicodeEncodeError as error:
-        raise MisuseError(f"{error.object!r:.60} is no text that can be sent") from None
+        raise MisuseError(f"{error.object!r:.60} is not text that can be sent") from None
     if wrong:
-        raise MisuseError(f"what was given can't be sent: {wrong}")
+        raise MisuseError(f"an option can't be sent: {wrong}")

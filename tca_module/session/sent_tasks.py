@@ -1,6 +1,4 @@
-"""Tasks that are sent without waiting for central's word: their ids, and the errors of those that
-are refused.
-"""
+"""Tasks that are sent without waiting for central: their ids, and the errors of refused ones."""
 
 from typing import Any, Protocol, Self
 
@@ -17,65 +15,66 @@ class Acknowledging(Protocol):
 
     @property
     def session(self) -> _Session:
-        """The present central's."""
+        """The connection's session, which knows the epoch of the present central."""
 
-    def acknowledged(self, request: Request) -> EpochNumber:
-        """The id of a task that was sent. Waits for it; raises the error that the send came to."""
+    def wait_for_id(self, request: Request) -> EpochNumber:
+        """Wait for the id of a sent task and return it; raise the error of the send."""
 
 
 class SentId(EpochNumber):
-    """The id of a task that was sent. Before central has told it, whoever looks at it waits; in
-    headers the request that has sent the task stands for it.
+    """The id of a sent task.
+
+    Reading it before central has assigned the number waits for that. In headers the number of the
+    request that sent the task stands for it.
     """
 
     connection: Acknowledging
     request: Request
 
     def __new__(cls, connection: Acknowledging, request: Request) -> Self:
-        """*request* has sent the task on *connection*."""
+        """Create the id of the task that *request* has sent on *connection*."""
         self = int.__new__(cls, 0)
         self.connection, self.request = connection, request
         return self
 
     @property
-    def known(self) -> EpochNumber:
-        """The id itself. Waits for it; raises the error that the send came to."""
+    def assigned_id(self) -> EpochNumber:
+        """The assigned id. Waits for it; raises the error of the send."""
         request = self.request
         return (
             request.accepted
             if request.accepted is not None
-            else self.connection.acknowledged(request)
+            else self.connection.wait_for_id(request)
         )
 
     @property
     def on_wire(self) -> int:
-        """The number by which central knows the task when it comes on the connection that has sent
-        it.
-        """
+        """The number that names the task to central on the connection that has sent it."""
         request = self.request
         return int(request.accepted) if request.accepted is not None else -request.header.number
 
     @property
     def epoch(self) -> str:  # type: ignore[override]
-        """Of the central that it was sent to."""
+        """The epoch of the central that the task was sent to."""
         return str(self.request.epoch or self.connection.session.epoch)
 
     @property
     def what(self) -> str:  # type: ignore[override]
-        """The task, for people."""
+        """The task's name, for people."""
         return str(
             self.request.accepted.what if self.request.accepted is not None else self.request.what
         )
 
-    def be_nameable(self, connection: object) -> None:
-        """Be sure that the task can be named on *connection*: another than its own knows its id
-        only. Raises the error that the send came to.
+    def check_nameable(self, connection: object) -> None:
+        """Ensure that headers on *connection* can name the task. Raises the error of the send.
+
+        On another connection than the task's own, central knows it only by its assigned id.
         """
         if self.request.is_over or self.connection is not connection:
-            self.known  # noqa: B018
+            self.assigned_id  # noqa: B018
 
     def __int__(self) -> int:
-        return int(self.known)
+        return int(self.assigned_id)
 
     __index__ = __int__
 
@@ -85,59 +84,61 @@ class SentId(EpochNumber):
     def __eq__(self, other: object) -> bool:
         if isinstance(other, SentId):
             return self.request is other.request
-        return other != 0 and self.known == other  # 0 is no task, whatever central says
+        return (
+            other != 0 and self.assigned_id == other
+        )  # 0 names no task, so there is no need to wait
 
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     def __hash__(self) -> int:
-        return hash(self.known)
+        return hash(self.assigned_id)
 
     def __lt__(self, other: int) -> bool:
-        return self.known < other
+        return self.assigned_id < other
 
     def __le__(self, other: int) -> bool:
-        return self.known <= other
+        return self.assigned_id <= other
 
     def __gt__(self, other: int) -> bool:
-        return self.known > other
+        return self.assigned_id > other
 
     def __ge__(self, other: int) -> bool:
-        return self.known >= other
+        return self.assigned_id >= other
 
     def __repr__(self) -> str:
-        return repr(self.known)
+        return repr(self.assigned_id)
 
     def __format__(self, spec: str) -> str:
-        return format(self.known, spec)
+        return format(self.assigned_id, spec)
 
     def __reduce_ex__(self, _: Any) -> Any:
-        known = self.known
-        return EpochNumber, (int(known), known.epoch, known.what)
+        assigned_id = self.assigned_id
+        return EpochNumber, (int(assigned_id), assigned_id.epoch, assigned_id.what)
 
 
 class TaskSends:
-    """The tasks that were sent without waiting: those that were refused, until the errors are
-    raised, by the delivery whose handler has sent them (0: code outside of handlers).
+    """The tasks that were sent without waiting, with the errors of refused ones until they are
+    raised.
+
+    Errors are sorted by the delivery whose handler sent the task (0: code outside of handlers).
     """
 
     def __init__(self) -> None:
-        self.untold = 0  #: number of those of which central has said nothing yet
-        self.lost: list[
-            Request
-        ] = []  #: those that were lost with central, and of which nobody has asked since
-        self.failed: dict[int, list[Request]] = {}  #: those that were refused, by origin
-        self._known: dict[int, int] = {}  #: how many refusals the handler of a delivery knows
+        self.unacknowledged = 0  #: number of sends that central has neither accepted nor refused
+        self.lost: list[Request] = []  #: sends lost with central whose error was not raised yet
+        self.failed: dict[int, list[Request]] = {}  #: delivery of the sender -> refused sends
+        self._known: dict[int, int] = {}  #: delivery -> number of refusals that its handler knows
 
     def add(self, request: Request) -> None:
-        """A send was refused."""
+        """Record that a send was refused."""
         self.failed.setdefault(request.header.origin, []).append(request)
 
     def check(self, origin: int | None) -> None:
-        """Raise the first error of what was sent for *origin*, with notes of the others."""
+        """Raise the first error of the sends for *origin*, with notes about the others."""
         if not self.failed or origin is None or not (failed := self.failed.pop(origin, [])):
             return
-        self._note(failed)
+        self._count_known(failed)
         try:
             failed[0].check(failed[0].what)
         except Exception as error:
@@ -146,31 +147,27 @@ class TaskSends:
             raise
 
     def discard(self, request: Request) -> None:
-        """The error of a send is about to be raised, if there is one."""
+        """Drop the error of a send, if it has one: it is about to be raised."""
         if request in self.lost:
             self.lost.remove(request)
         failed = self.failed.get(request.header.origin, [])
         if request in failed:
             failed.remove(request)
-            self._note([request])
+            self._count_known([request])
 
-    def _note(self, failed: list[Request]) -> None:
+    def _count_known(self, failed: list[Request]) -> None:
         if origin := failed[0].header.origin:
             self._known[origin] = self._known.get(origin, 0) + len(failed)
 
-    def end(self, delivery: int) -> tuple[int, list[str]]:
-        """A handler has ended: how many refusals it knows, and errors that were not raised in
-        it.
-        """
+    def pop_refusals(self, delivery: int) -> tuple[int, list[str]]:
+        """Return, for an ended handler, how many refusals it knows, and its unraised errors."""
         if not (self._known or self.failed):
             return 0, []
         return self._known.pop(delivery, 0), [
-            one.why_unheard for one in self.failed.pop(delivery, [])
+            one.error_for_log for one in self.failed.pop(delivery, [])
         ]
 
     def forget(self) -> None:
-        """Central was restarted, and has forgotten all deliveries: it may use the same numbers
-        again.
-        """
+        """Forget the deliveries of a restarted central, which may use the same numbers again."""
         self.failed = {origin: failed for origin, failed in self.failed.items() if not origin}
         self._known.clear()

@@ -1,14 +1,15 @@
-"""One connection's side of the protocol: its requests, their repetition, and deliveries.
+"""One connection's side of the protocol, without I/O: requests, their repetition, and deliveries.
 
 Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's
-Welcome nothing but Hello leaves. A numbered request is kept until its answer is there; after a
-break it is repeated in order: central knows it by its number and never does it twice. What is not
-numbered (informs) may be lost.
+Welcome, only Hello leaves. A numbered request is retained until its answer arrives. After a break
+it is repeated, in order: central recognises its number and never carries it out twice. Statements
+(informs, broadcasts, variable changes without a number) may be lost.
 
-A Welcome with another epoch says that central was restarted and its tree is lost. Open requests are
-lost too, unless they name nothing of the old tree and only ask how things stand, or certainly never
-reached the old central: they did not leave, or left once and were answered by Unknown. Messages and
-handlers are declared again (``redeclaration``).
+A Welcome with another epoch means that central was restarted and has lost its tree. Open requests
+are lost too, with two exceptions. The first: requests that name nothing of the old tree and only
+ask about the present state. The second: requests that certainly never reached the old central. They
+did not leave, or left once and were answered by Unknown. Messages and handlers are declared again
+(``redeclaration``).
 """
 
 from collections import deque
@@ -21,7 +22,7 @@ import msgspec
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, first_foreign, numbers_in
 from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
-from tca_module.session.open_deliveries import OpenDeliveries
+from tca_module.session.open_requests import OpenRequests
 from tca_module.session.redeclaration import Redeclaration
 from tca_module.session.registering import registers
 from tca_module.session.request import (
@@ -31,100 +32,72 @@ from tca_module.session.request import (
     is_for_any_central,
     refers_to_tasks,
 )
-from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
-from tca_wire.packets.changes import ChangeState, Observe, Requested
+from tca_wire.packets.changes import Observe, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
-HELLO_NUMBER = 1  # Hello keeps it when it is said again
-QUIET = 2.5  # seconds without a word after which who waits for central asks it for one
-IDLE = 45.0  # the same for who waits for nothing in particular: central beats every 30 seconds
-REPEAT = 1.0  # seconds between two such questions
-CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
-PREFETCH = 64  # messages that a slot takes ahead
-_REPLIES_KEPT = (
-    PREFETCH + 8
-)  # to be said again after a break, until a further delivery shows that they arrived
+HELLO_NUMBER = 1  # of every Hello, also a repeated one
+QUIET = 2.5  # seconds of silence after which a connection that waits for central probes it
+IDLE = 45.0  # the same for an idle connection, to which central sends a heartbeat every 30 seconds
+REPEAT = 1.0  # seconds between two probes
+CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
+PREFETCH = 64  # messages that a slot may prefetch
+# replies to repeat after a break; a later delivery shows that older ones arrived
+_REPLIES_RETAINED = PREFETCH + 8
 
-# Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if
-# Hello is due again.
-_ARE_YOU_THERE = headers.Register(0, [], [])
-
-_SPENT = headers.Send(0, "")
+# The probe. It declares nothing, so it changes nothing, but central answers it: with Accepted, or
+# with Unknown if Hello is due again.
+_PROBE = headers.Register(0, [], [])
 
 
 def quiet_within(patience: float, *, is_idle: bool = False) -> float:
-    """The seconds of silence after which one who loses patience after so many asks central for a
-    word.
-    """
+    """Return the seconds of silence after which to probe central, given a wait's patience."""
     return min(IDLE if is_idle else QUIET, 0.75 * patience)
 
 
-class Session:
+class Session(OpenRequests):
     """The state of one connection to central."""
 
-    replace_slot: Callable[[int, str], object] | None = (
-        None  #: opens another slot for one that hangs
-    )
+    #: opens another slot in place of one that hangs
+    replace_slot: Callable[[int, str], object] | None = None
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
-        """*attachments*: of the module, where it has several connections; the first one attaches
-        them anew.
+        """Create the session. *attachments*: the module's, if it has several connections.
+
+        The first connection makes the attachments again after a restart of central.
         """
+        super().__init__(HELLO_NUMBER)
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
-        self._newest = HELLO_NUMBER
-        self.requests: dict[int, Request] = {}  #: not over, by number, oldest first
-        self.messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
+        self.messages: dict[str, MessageFormat] = {}  #: name -> declared message, to declare again
         self._handlers: dict[str, HandlerFormat] = {}
-        self._is_ready = (
-            False  #: central was told that all is attached that is attached at the start
-        )
-        self.sends = TaskSends()  #: tasks that were sent without waiting
-        self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
-        self._locks: WeakValueDictionary[int, Request] = (
-            WeakValueDictionary()
-        )  #: granted, as long as anybody has them
+        #: central knows that all attachments of the start are made
+        self._is_ready = False
+        #: granted locks that the program still refers to
+        self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()
         self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
-        """By delivery, oldest first: central may not have got these yet."""
-        self._asked = float("-inf")  #: when central was last asked for a word
-        self.asked_since = float(
-            "-inf"
-        )  #: when it was first asked for the one that it owes, if it does
-        self.heard = float("-inf")  #: when central last said anything
-        self.outgoing: list[Item] = []
-        self.held = (
-            HeldReplies()
-        )  #: those in ``outgoing`` that leave together when a turn has ended
-        self.deliveries: deque[tuple[headers.Deliver, bytes]] = (
-            deque()
-        )  #: to be handled now, within a wait as well
-        self.ahead: deque[tuple[headers.Deliver, bytes]] = (
-            deque()
-        )  #: to be handled when all before them have been
-        self.news: deque[Callable[[], None]] = (
-            deque()
-        )  #: to be called by the thread that owns the connection, soon
-        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = (
-            deque()
-        )  #: headers about direct messages
-        self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
-        self.dropped = self.doubtful = (
-            0  #: informs and broadcasts that never left, or were on their way in a break
-        )
-        self._posted = self._arrived = (
-            0  #: statements sent on this connection; those of which central has had word
-        )
-        self._confirming: Request | None = None  #: asks central for a word
-        self._replies_before: list[int] = []  #: the deliveries that were answered before that
-        self.is_welcome, self.breaks = False, 0  #: central has welcomed it; how often it has broken
-        self.is_to_withdraw = (
-            False  #: central is to be told that nothing is handled any more; set by any thread
-        )
-        self.refused: headers.Refused | None = None  #: central does not want this connection
-        self.epoch = ""
+        """Delivery -> its reply, oldest first: replies that central may not have received."""
+        self._asked = float("-inf")  #: when central was last probed
+        self.asked_since = float("-inf")  #: when the first probe without an answer was sent
+        self.heard = float("-inf")  #: when the last packet from central arrived
+        #: replies in ``outgoing`` that leave together when their turn ends
+        self.held_replies = HeldReplies()
+        #: deliveries to handle now, even within a wait
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()
+        #: prefetched deliveries, to handle after all earlier ones
+        self.prefetched: deque[tuple[headers.Deliver, bytes]] = deque()
+        #: headers about direct messages
+        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
+        #: number of statements that never left; number on their way in a break
+        self.dropped = self.doubtful = 0
+        self._arrived = 0  #: number of statements that central has received
+        self._confirming: Request | None = None  #: the open probe, if any
+        self._replies_before: list[int] = []  #: the deliveries answered before that probe
+        self.breaks = 0  #: how often the connection has broken
+        #: central must be told that the module handles nothing more; set by any thread
+        self.is_to_withdraw = False
         self.module = hello.module  #: the name under which central knows the module
         self.attachments = LastingAttachments() if attachments is None else attachments
         own = LastingAttachments() if hello.connection else self.attachments
@@ -137,53 +110,11 @@ class Session:
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
-        self.make_way(header)
+        self.return_before_claim(header)
         return self.ask(header, body, wants_answer=wants_answer)
 
-    def ask(self, header: Any, body: bytes, *, wants_answer: bool = True) -> Request:
-        """Make a request whose fields have been checked."""
-        request = Request(header, body, wants_answer=wants_answer)
-        self.adopt(request)
-        return request
-
-    def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
-        """Send a task, or change the state of one, as *what* says, without waiting for central's
-        word; what it comes to is among ``sends`` if that is bad.
-        """
-        check_fields(header)
-        if isinstance(header, headers.Send):
-            header = msgspec.structs.replace(header, quiet=True)
-        request = Request(header, body, wants_answer=False)
-        request.what, request.by = what, self.open_deliveries.name_of(header.origin)
-        self.sends.untold += 1
-        self.adopt(request)
-        return request
-
-    def _send(self, request: Request) -> None:
-        request.was_sent, request.epoch, request.mark, request.seen = (
-            True,
-            self.epoch,
-            self._posted,
-            0,
-        )
-        self.outgoing.append((request.header, request.body))
-
-    def adopt(self, request: Request) -> None:
-        """Ask central; also for a direct request that its handler has not begun."""
-        request.path = None
-        self._number(request)
-        if self.is_welcome:
-            self._send(request)
-        elif self.refused is not None:
-            self._refuse(request)
-
-    def _number(self, request: Request) -> None:
-        self._newest += 1
-        request.header = msgspec.structs.replace(request.header, number=self._newest)
-        self.requests[self._newest] = request
-
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
-        """Say something that has no answer; False if it is lost because central is not there."""
+        """Send a header that has no answer; return False if it is lost: central is not there."""
         is_statement = isinstance(header, headers.Send | headers.SetVariable)
         if not self.is_welcome:
             self.dropped += is_statement
@@ -191,101 +122,107 @@ class Session:
         self.outgoing.append((header, body))
         if is_statement:
             self._posted += 1
-            if self.unheard >= CONFIRM_EVERY and (
+            if self.unconfirmed >= CONFIRM_EVERY and (
                 self._confirming is None or self._confirming.is_over
             ):
                 self.confirm()
         return True
 
     def confirm(self) -> None:
-        """Ask central for a word: its answer shows that all before has arrived."""
-        self._confirming, self._replies_before = self.ask_for_word(), list(self._replies)
+        """Probe central: the answer shows that everything sent before has arrived."""
+        self._confirming, self._replies_before = self.probe(), list(self._replies)
 
-    def ask_for_word(self) -> Request:
-        """Ask central for a word that comes after all that it has said; over when that is there."""
-        return self.request(_ARE_YOU_THERE)
+    def probe(self) -> Request:
+        """Probe central. The answer comes after everything that central has sent before."""
+        return self.request(_PROBE)
 
     @property
-    def unheard(self) -> int:
+    def unconfirmed(self) -> int:
         """The number of statements on this connection that may not have reached central."""
         return self._posted - self._arrived
 
     @property
     def lost(self) -> int:
-        """The number of statements that did not reach central, or may not have when the connection
-        broke; and of tasks that may not have when central ended.
+        """The number of messages that are lost, or may be.
+
+        Counts statements that did not reach central, or may not have when the connection broke.
+        Counts also tasks that may not have reached a central that ended.
         """
         return self.dropped + self.doubtful + len(self.sends.lost)
 
     @property
-    def is_settled(self) -> bool:
-        """Whether central has had all that was sent."""
-        return self.is_welcome and not (self.unheard or self._replies or self.sends.untold)
+    def is_confirmed(self) -> bool:
+        """Whether central has received everything that was sent."""
+        return self.is_welcome and not (
+            self.unconfirmed or self._replies or self.sends.unacknowledged
+        )
 
-    def take_outgoing(self, clock: Callable[[], float]) -> list[Item]:
-        """What is to be sent, which is not kept any more."""
+    def pop_outgoing(self, clock: Callable[[], float]) -> list[Item]:
+        """Remove and return the items to send."""
         outgoing, self.outgoing = self.outgoing, []
-        return self.held.joined(outgoing, clock()) if self.held.ended else outgoing
+        return self.held_replies.joined(outgoing, clock()) if self.held_replies.ended else outgoing
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
-        """A handler ended. Nothing is said of a delivery that central has forgotten. Returns
-        whether it is held until its turn has ended.
+        """Send the outcome of a handler, unless central has forgotten the delivery.
+
+        Returns whether the reply is held back until its turn has ended.
         """
-        if not self.open_deliveries.end(header.delivery):
+        if not self.open_deliveries.remove(header.delivery):
             return False
-        refusals, errors = self.sends.end(header.delivery)
+        refusals, errors = self.sends.pop_refusals(header.delivery)
         self.complaints += errors
         if refusals and isinstance(header, headers.Reply):
             header = msgspec.structs.replace(header, refusals=refusals)
         self._replies[header.delivery] = (header, body)
-        self._keep_replies(_REPLIES_KEPT)
+        self._drop_old_replies(_REPLIES_RETAINED)
         if not self.is_welcome:
             return False
         self.outgoing.append((header, body))
-        return self.held.take(header, now)
+        return self.held_replies.hold(header, now)
 
-    def _keep_replies(self, number: int) -> None:
-        """Forget all but the newest; central has got the others."""
+    def _drop_old_replies(self, number: int) -> None:
+        """Forget all but the newest replies; central has received the others."""
         while len(self._replies) > number:
             del self._replies[next(iter(self._replies))]
 
     @property
     def has_next(self) -> bool:
-        """Whether the next message is ahead, no handler owes an answer, and the module goes on."""
-        is_free = bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
+        """Whether a prefetched message may begin: no handler owes a reply, and the module does not
+        end.
+        """
+        is_free = bool(self.prefetched) and len(self.open_deliveries) == len(self.prefetched)
         return is_free and not self.open_deliveries.is_ending()
 
     @property
     def is_claiming(self) -> bool:
-        """Whether a claim is open: what has to wait for it may yet come ahead."""
+        """Whether a claim is open. Messages that must wait for it may still be prefetched."""
         return any(
             isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values()
         )
 
-    def make_way(self, header: headers.ToCentral) -> None:
-        """Give back what came ahead before a claim, which might wait for it. Where no handler runs,
-        but a callback, the next stays: central has given it to this slot by now, or recalls it.
-        """
-        if isinstance(header, headers.Lock) and self.ahead:
-            kept = [self.ahead.popleft()] if self.has_next else []
-            self.give_back()
-            self.ahead.extend(kept)
+    def return_before_claim(self, header: headers.ToCentral) -> None:
+        """Return the prefetched messages before a claim, which might wait for them.
 
-    def give_back(self, wanted: Collection[int] | None = None) -> None:
-        """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of
+        If no handler runs, but a callback, the next message stays: central has given it to this
+        slot, or recalls it.
+        """
+        if isinstance(header, headers.Lock) and self.prefetched:
+            retained = [self.prefetched.popleft()] if self.has_next else []
+            self.return_prefetched()
+            self.prefetched.extend(retained)
+
+    def return_prefetched(self, wanted: Collection[int] | None = None) -> None:
+        """Return prefetched deliveries that have not begun to central: those in *wanted* (None:
         all).
         """
-        back = [
-            header.delivery
-            for header, _ in self.ahead
-            if wanted is None or header.delivery in wanted
-        ]
-        self.ahead = deque(one for one in self.ahead if one[0].delivery not in back)
-        for delivery in back:
-            self.open_deliveries.end(delivery)
-        self.post(headers.Recalled(back, is_answer=wanted is not None))
+        waiting = [header.delivery for header, _ in self.prefetched]
+        returned = [number for number in waiting if wanted is None or number in wanted]
+        self.prefetched = deque(one for one in self.prefetched if one[0].delivery not in returned)
+        for delivery in returned:
+            self.open_deliveries.remove(delivery)
+        self.post(headers.Recalled(returned, is_answer=wanted is not None))
 
-    def declared(
+    def add_declared(
         self,
         messages: list[MessageFormat],
         handlers: list[HandlerFormat],
@@ -297,24 +234,25 @@ class Session:
         self._handlers.update({handler.message: handler for handler in handlers})
         self._is_ready |= is_ready
 
-    def withdrawn(self) -> None:
-        """This module handles nothing any more."""
+    def forget_handlers(self) -> None:
+        """Forget the handlers and attachments: this module handles nothing more."""
         self._handlers.clear()
         self.attachments.clear()
 
     # --- the connection ---------------------------------------------------------------------------
 
-    def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
-        """Do what it is time for; when there is more to do, if nothing arrives before. After a
-        silence central is asked for a word, every second. *since* is when somebody began to listen,
-        *quiet* the seconds that it may have nothing to say.
+    def send_due(self, now: float, since: float, quiet: float = QUIET) -> float:
+        """Send a probe or Hello if one is due; return when there is more to do if nothing arrives.
+
+        After *quiet* seconds of silence, central is probed every second. Silence counts from
+        *since* at the earliest, when the caller started to listen.
         """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
-            self.withdrawn()
+            self.forget_handlers()
             self.request(headers.Unregister(0, []))
         is_restless = self.is_welcome and self.redeclaration.is_restless
-        due = self.redeclaration.tend(now) if is_restless else float("inf")
+        due = self.redeclaration.send_due(now) if is_restless else float("inf")
         asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
         if self.heard < self._asked:
             asks_at = max(asks_at, self._asked + REPEAT)
@@ -322,11 +260,11 @@ class Session:
             if self.heard >= self._asked:
                 self.asked_since = now
             self._asked, asks_at = now, now + REPEAT
-            self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
+            self.outgoing.append((_PROBE if self.is_welcome else self._hello, b""))
         return min(asks_at, due)
 
     def break_off(self) -> None:
-        """Begin with Hello again: the connection broke, or central does not know it."""
+        """Start over with Hello: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
         dropped = self.dropped
@@ -336,27 +274,27 @@ class Session:
             )
             if (request := self.requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
-        self.doubtful += self.unheard - (self.dropped - dropped)
+        self.doubtful += self.unconfirmed - (self.dropped - dropped)
         self._arrived = self._posted
         self.outgoing.clear()
-        self.held.clear()
-        for header, _ in self.ahead:  # central gives it again
-            self.open_deliveries.end(header.delivery)
-        self.ahead.clear()
+        self.held_replies.clear()
+        for header, _ in self.prefetched:  # central delivers it again
+            self.open_deliveries.remove(header.delivery)
+        self.prefetched.clear()
         self._asked = float("-inf")
 
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:
-        """Take in what central said."""
+        """Process a header from central."""
         self.heard = now
         self._ON[type(header)](self, header, body)
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
-        self.routing.append(header)  # whoever is welcomed is told of all routes anew
+        self.routing.append(header)  # central sends all routes again after a Welcome
         is_back, is_new = bool(self.epoch), header.epoch != self.epoch
         if self.is_welcome:
             if not is_new:
-                return  # Hello was said twice
-            self.break_off()  # and the second one was heard by the next central
+                return  # Hello was sent twice
+            self.break_off()  # the second Hello reached a restarted central
         self.epoch, self.module, self.refused = header.epoch, header.module, None
         if is_back and is_new:
             self._forget()
@@ -366,32 +304,34 @@ class Session:
         if is_back and is_anything and (self.redeclaration.is_over or not is_new):
             is_over, messages = self.redeclaration.is_over, list(self.messages.values())
             handlers = list(self._handlers.values()) if is_over else []
-            # Number 0: a new number would be higher than those repeated below, which central would
-            # take for answered.
+            # Number 0, because central takes lower numbers than the highest one so far for
+            # answered, and the requests repeated below have lower ones.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if is_back and not is_new:
-            self._declare_what_may_be_forgotten()
-            self._observe_anew()
+            self._repeat_declarations()
+            self._observe_again()
         for request in self.requests.values():
             request.repeated = request.was_sent
-            if request.what and isinstance(
-                request.header, headers.Send
-            ):  # it is answered by itself
+            # A repeated send needs an answer of its own.
+            if request.what and isinstance(request.header, headers.Send):
                 request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
         self.outgoing += self._replies.values()
 
-    def _declare_what_may_be_forgotten(self) -> None:
-        """Declare the handlers that central may have accepted, and forgotten with the connection:
-        to the repeated request it only gives the answer that it gave then.
+    def _repeat_declarations(self) -> None:
+        """Declare the handlers that central may have accepted and forgotten with the connection.
+
+        To the repeated request it only repeats its first answer.
         """
         for header in [request.header for request in self.requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
                 self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
 
-    def _observe_anew(self) -> None:
-        """Observe under new numbers: what central has told meanwhile is lost, and now it tells how
-        things stand.
+    def _observe_again(self) -> None:
+        """Observe again under new numbers.
+
+        Changes that central sent in the meantime are lost; the new observation starts with the
+        present state.
         """
         observing = [
             one
@@ -406,7 +346,7 @@ class Session:
             self._number(request)
 
     def _renew(self) -> None:
-        """Redeclare to a new central before all else, under the lowest numbers."""
+        """Redeclare to a restarted central before anything else, under the lowest numbers."""
         waiting = dict(self.requests)
         self.requests.clear()
         self.redeclaration.begin(self.epoch, self.messages)
@@ -428,30 +368,30 @@ class Session:
         ]
 
     def _forget(self) -> None:
-        """Central was restarted and has lost its tree."""
+        """Drop everything that belongs to the tree of a central that was restarted."""
         for number, request in list(self.requests.items()):
-            if request.settled is not None:
-                del self.requests[number]  # a renewed request is sent anew
+            if request.on_over is not None:
+                del self.requests[number]  # ``redeclaration`` starts again and repeats it
                 continue
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
-                request.gone = named.what if named is not None else ""
-                self.end(request, RESTARTED)
+                request.forgotten_subject = named.what if named is not None else ""
+                self.finish(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
-                self.end(request, "central was restarted meanwhile and has forgotten it")
+                self.finish(request, "central was restarted and has forgotten it")
             elif isinstance(request.header, Observe):
-                request.answers.clear()  # about tasks that are no more
+                request.answers.clear()  # about tasks of the old tree
         for lock in self._locks.values():
-            lock.taken = "central was restarted and has forgotten it"
+            lock.why_lock_lost = "central was restarted and has forgotten it"
         self._locks.clear()
         self._replies.clear()
         self.open_deliveries.forget()
         self.sends.forget()
         self.deliveries.clear()
-        self.ahead.clear()
+        self.prefetched.clear()
 
     def _answered(self, number: int) -> Request | None:
-        """The request that central answers; what was sent before it has arrived."""
+        """Return the request that central answers. Everything sent before it has arrived."""
         request = self.requests.get(number)
         if request is not None:
             self._arrived = max(self._arrived, request.mark)
@@ -471,9 +411,9 @@ class Session:
                 asked.message if isinstance(asked, headers.Send) else "number", header.id
             )
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
-            if request.settled is None and is_lasting(asked):
+            if request.on_over is None and is_lasting(asked):
                 self.attachments.add(asked, self.messages, number)
-            self.end(request)
+            self.finish(request)
 
     def _on_tasks_made(self, header: headers.TasksMade, _: bytes) -> None:
         for number, task in header.tasks:
@@ -482,24 +422,25 @@ class Session:
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
         request = self._answered(header.number)
         if header.refusal is Refusal.SHUT_OUT:
-            self._not_welcome(header)
+            self._on_not_welcome(header)
         elif request is None:
             if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
-                self._not_welcome(header)
+                self._on_not_welcome(header)
             elif header.refusal is not Refusal.TOO_LATE:
                 self.complaints.append(f"central refused: {header.text}")
-            elif not header.number:  # else it was given up meanwhile
+            elif not header.number:  # with a number, it was given up in the meantime
                 self.complaints.append(header.text)
         elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
             self._ask_again(request)
         else:
             request.refused = header
-            self.end(request)
+            self.finish(request)
 
-    def _not_welcome(self, header: headers.Refused) -> None:
-        """Central refused Hello; with number 0 if it could not even read it, because it is of
-        another version, or lets this connection in no more. It answers nothing: so all that waits
-        for it is over. Hello is repeated.
+    def _on_not_welcome(self, header: headers.Refused) -> None:
+        """End everything that waits for a central that refused Hello. Hello is repeated.
+
+        The number is 0 if central could not read Hello, because it speaks another version, or if it
+        no longer accepts this connection.
         """
         if not header.number and header.refusal is Refusal.PROTOCOL:
             other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
@@ -513,26 +454,19 @@ class Session:
         for request in list(self.requests.values()):
             self._refuse(request)
         for lock in self._locks.values():
-            lock.taken = header.text
+            lock.why_lock_lost = header.text
         self._locks.clear()
-
-    def _refuse(self, request: Request) -> None:
-        """A request that central will not answer is over, unless it declares again what central is
-        to know.
-        """
-        if request.settled is None:
-            request.refused = self.refused
-            self.end(request)
 
     def _ask_again(self, request: Request) -> None:
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self.requests[request.header.number]
-            request.taken, request.repeated = "", False
+            request.why_lock_lost, request.repeated = "", False
             self._number(request)
             self._send(request)
-        else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
-            self.end(request, "the connection to central broke before the answer came")
+        else:
+            # A query may have been answered, or a variable exchanged: the caller must decide.
+            self.finish(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
         request = self._answered(header.number)
@@ -541,67 +475,28 @@ class Session:
             if not header.more:
                 if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
                     self._locks[header.number] = request
-                self.end(request)
+                self.finish(request)
             else:
                 request.seen += 1
-                self._tell_of(request)
-
-    def _tell_of(self, request: Request) -> None:
-        """There is news of a request: let those know who want to."""
-        self.news += [tell for tell in (request.notify, request.wakes) if tell is not None]
-
-    def end(self, request: Request, lost: str = "") -> None:
-        """A request is over, or was *lost*: call those who want to know."""
-        self.requests.pop(request.header.number, None)  # one that went directly has no number here
-        request.is_over = True
-        if lost:
-            request.lost = lost
-        if request.what:
-            self._end_send(request)
-        if request.settled is not None:
-            request.settled(request)
-        self._tell_of(request)
-
-    def _end_send(self, request: Request) -> None:
-        """Central's word of a task that was sent is there, or never will be."""
-        self.sends.untold -= 1
-        origin = request.header.origin
-        if request.lost:
-            self.sends.lost.append(request)
-        elif request.refused is None:
-            request.header, request.body, request.after = (
-                _SPENT,
-                b"",
-                [],
-            )  # its id may be kept for ever
-        elif request.refused.refusal is Refusal.TOO_LATE and isinstance(
-            request.header, ChangeState
-        ):
-            self.complaints.append(request.why_failed)  # who is late need not have known it
-        elif not origin or origin in self.open_deliveries:
-            self.sends.add(request)
-        else:  # its handler has returned: central has let that fail
-            self.complaints.append(request.why_unheard)
+                self._notify_waiters(request)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self.open_deliveries:
-            return  # after a reconnect central repeats deliveries it is not sure of
+            return  # after a reconnect, central repeats unconfirmed deliveries
         if (reply := self._replies.get(header.delivery)) is not None:
-            self.outgoing.append(
-                reply
-            )  # it may have been lost: with the power of central's computer, after it came
+            # The reply may be lost, for example with the power of central's computer.
+            self.outgoing.append(reply)
             return
-        # Central knows of so many without an answer; it has got the answers of all before these.
-        self._keep_replies(max(0, header.ahead - len(self.open_deliveries)))
+        # Central counts *ahead* deliveries as unanswered, so it has all earlier replies.
+        self._drop_old_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
-        (self.ahead if header.ahead else self.deliveries).append((header, body))
+        (self.prefetched if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
-        if (
-            lock is not None
-        ):  # the answer that grants it may have been lost, and comes again after this
-            lock.taken = header.text
+        # The answer that granted it may have been lost; then it is repeated after this.
+        if lock is not None:
+            lock.why_lock_lost = header.text
 
     def _on_replace(self, header: headers.Replace, _: bytes) -> None:
         if self.replace_slot is not None:
@@ -609,14 +504,13 @@ class Session:
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self.requests.get(header.number)) is not None:
-            request.was_sent = (
-                request.repeated
-            )  # it was not done; and if sent only once, by nobody else
+            # This central did not carry it out. If it was sent only once, no other did either.
+            request.was_sent = request.repeated
         if self.is_welcome:
             self.break_off()
 
     def _on_closing(self, header: headers.Closing, _: bytes) -> None:
-        if not self._hello.connection:  # one of the module's connections says it for all
+        if not self._hello.connection:  # only the module's own connection logs it
             self.complaints.append(
                 f"central ends: {header.text}" if header.text else "central ends"
             )
@@ -635,10 +529,10 @@ class Session:
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
-        Requested: lambda self, header, body: self.news.extend(
+        Requested: lambda self, header, body: self.pending_calls.extend(
             self.open_deliveries.request(header, body)
         ),
-        headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
+        headers.Recall: lambda self, header, _: self.return_prefetched(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,
         headers.Beat: lambda *_: None,
@@ -648,4 +542,4 @@ class Session:
         EntranceGone: lambda self, header, _: self.routing.append(header),
         Barred: lambda self, header, _: self.routing.append(header),
     }
-    """One row per message from central."""
+    """One handler per type of header from central."""

@@ -1,1 +1,1 @@
-"""All of the library that knows ZeroMQ: to central, between modules, and the pulse."""
+"""All uses of ZeroMQ in the library: sockets to central, between modules, and the pulse."""

@@ -1,6 +1,4 @@
-"""Keys on this program's sockets to central: over TCP they encrypt, and prove who is at either
-end.
-"""
+"""Keys on this program's sockets to central: over TCP they encrypt, and authenticate both ends."""
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -9,9 +7,8 @@ from tca_module.errors import MisuseError
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import NO_KEY, VARIABLE, ClientKey, client_key
 
-_ANSWERED_WITHIN = (
-    2500  # milliseconds: after two seconds central ends a handshake that comes to nothing
-)
+# milliseconds; central ends an unfinished handshake after two seconds
+_ANSWERED_WITHIN = 2500
 _EVENTS = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -21,24 +18,29 @@ _EVENTS = (
 
 
 def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
-    """Have a socket show this program's key to the central at *address*, and to no other; before it
-    connects. Returns the key; None: none is shown. Raises MisuseError.
+    """Set this program's key for the central at *address* on a socket, before it connects.
+
+    The socket then talks to no other central. Returns the key; None if none is used. Raises
+    MisuseError.
     """
     key = key_for(address)
     if key is not None:
-        put_key(socket, key)
+        set_key(socket, key)
     return key
 
 
-def put_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
-    """Have a socket show a key, and speak only to its central."""
+def set_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
+    """Set a key on a socket, which then talks only to the key's central."""
     socket.setsockopt(zmq.CURVE_SERVERKEY, key.central.encode())
     socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
     socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
 
 
 def key_for(address: str) -> ClientKey | None:
-    """The key that this program shows the central at *address*; None: none. Raises MisuseError."""
+    """Return the key that this program uses for the central at *address*; None if none.
+
+    Raises MisuseError.
+    """
     try:
         return client_key(address)
     except KeyRefused as error:
@@ -46,8 +48,9 @@ def key_for(address: str) -> ClientKey | None:
 
 
 def make_server(socket: "zmq.Socket[bytes]") -> str:
-    """Have a socket speak only to those who know its public key, which is new; before it is bound.
-    Returns the key.
+    """Make a socket accept only clients that know its public key, which is new.
+
+    Call it before the socket is bound. Returns the key.
     """
     public, secret = zmq.curve_keypair()
     socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -55,17 +58,16 @@ def make_server(socket: "zmq.Socket[bytes]") -> str:
     return public.decode()
 
 
-def speak_only_to(socket: "zmq.Socket[bytes]", server: str) -> None:
-    """Have a socket speak to whoever has the secret half of a key, and show a pair that nobody
-    knows.
-    """
+def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
+    """Make a socket talk only to the holder of a key's secret half, with a new pair of its own."""
     public, secret = zmq.curve_keypair()
-    put_key(socket, ClientKey("", public.decode(), secret.decode(), server))
+    set_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
 
-def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
-    """What is wrong with the key that this program shows the central at *address*; "" if nothing
-    is. Takes a moment.
+def key_problem(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
+    """Return why the central at *address* rejects this program's key; "" if it does not.
+
+    Takes a moment.
     """
     if not address.startswith("tcp://"):
         return ""
@@ -78,16 +80,18 @@ def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> s
         monitor = socket.get_monitor_socket(_EVENTS)
         try:
             socket.connect(address)
-            event = (
-                recv_monitor_message(monitor)["event"] if monitor.poll(_ANSWERED_WITHIN) else None
-            )
+            has_event = monitor.poll(_ANSWERED_WITHIN)
+            event = recv_monitor_message(monitor)["event"] if has_event else None
         finally:
             socket.disable_monitor()
             monitor.close(0)
     if event is None or event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
         return ""
     if key is None:
-        made = "'tca keys new NAME' makes one where central runs"
-        return f"it wants a key, and this program shows none: {made}, ${VARIABLE} names it here"
-    theirs = f"it does not allow the key '{key.name}' (where central runs, 'tca keys list' shows those that it does)"
-    return f"{theirs}, is not the central that this is a key for, or asks for none (${VARIABLE}={NO_KEY} shows none)"
+        remedy = f"make one with 'tca keys new NAME' where central runs, and name it in ${VARIABLE}"
+        return f"it wants a key, and this program shows none: {remedy}"
+    return (
+        f"it does not allow the key '{key.name}' (see 'tca keys list' where central runs),"
+        " is not the central that the key is for,"
+        f" or wants no key (set ${VARIABLE}={NO_KEY} to show none)"
+    )

@@ -1,8 +1,8 @@
-"""The sockets of direct messages: a slot's entrance, and a sender's way to one.
+"""The sockets of direct messages: a slot's entrance, and a sender's path to one.
 
-An entrance can be reached by those who reach central: it lies in the folder of central's socket, or
-listens on the interface of this computer from which central is reached. Where central asks for keys
-it has one of its own, that central gives to those who may send to it.
+An entrance is reachable for every program that reaches central. It lies in the folder of central's
+socket, or listens on the network interface through which this computer reaches central. If central
+requires keys, the entrance has a key of its own, which central gives to permitted senders.
 """
 
 import contextlib
@@ -13,32 +13,32 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.sockets.curve import key_for, make_server, speak_only_to
+from tca_module.sockets.curve import key_for, make_server, use_server_key
 from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Limit
 
-MOST_UNDER_WAY = 1000  # messages that one sender may have on its way to one entrance
+MOST_UNDER_WAY = 1000  # messages under way from a sender to an entrance, at most
 
 _OPTIONS = (
-    (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached: senders keep count
+    (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached, because senders count
     (zmq.RCVHWM, MOST_UNDER_WAY + 100),
     (zmq.LINGER, 1000),
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.HANDSHAKE_IVL, 2000),
-    *KEEPALIVE,  # and no heartbeats: see transport.py; senders greet
+    *KEEPALIVE,  # no ZeroMQ heartbeats (see transport.py); senders greet instead
 )
-_LONGEST_PATH = 100  # bytes in the path of a Unix socket; systems differ between 103 and 107
+_LONGEST_PATH = 100  # bytes in the path of a Unix socket; systems allow 103 to 107
 _SUFFIX = ".direct"
 _POLLOUT = int(zmq.POLLOUT)
 
 Address = bytes
-"""By what an entrance knows the connection of a sender."""
+"""The routing id by which an entrance knows a sender's connection."""
 
 
 class _DirectSocket:
-    """A socket of the kind, such as zmq.DEALER."""
+    """A socket of that kind, such as zmq.DEALER."""
 
     def __init__(self, kind: int) -> None:
         self._socket: zmq.Socket[bytes] = context().socket(kind)
@@ -49,74 +49,74 @@ class _DirectSocket:
         return bool(int(self._socket.getsockopt(EVENTS)) & event)
 
     def fileno(self) -> int:
-        """The file that becomes readable when something arrives."""
+        """Return the file that becomes readable when something arrives."""
         return int(self._socket.getsockopt(zmq.FD))
 
     def has_arrived(self) -> bool:
-        """Whether there is a packet to receive."""
+        """Return whether there is a packet to receive."""
         return self._can(POLLIN)
 
     def close(self) -> None:
-        """Close; packets already sent still leave, for a second."""
+        """Close. Packets already sent still leave, for a second."""
         self._socket.close()
 
 
 class EntranceSocket(_DirectSocket):
-    """The socket where a slot takes direct messages. Raises OSError if there can be none."""
+    """The socket on which a slot receives direct messages. Raises OSError if it can't be opened."""
 
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
-        self.is_paused = False  #: packets stay in the socket
-        public_key = (
-            make_server(self._socket) if key_for(central) is not None else ""
-        )  # whoever connects needs it
+        self.is_paused = False  #: while true, packets stay in the socket
+        # senders need the key to connect
+        public_key = make_server(self._socket) if key_for(central) is not None else ""
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             endpoint = _bind(self._socket, central)
         except (OSError, ValueError) as error:  # ZMQError is an OSError
             self._socket.close(linger=0)
             raise OSError(str(error)) from None
-        self.entrance = Entrance(endpoint, token_hex(16), public_key)  #: as central is told of it
+        #: the entrance as central announces it
+        self.entrance = Entrance(endpoint, token_hex(16), public_key)
 
     def has_arrived(self) -> bool:
-        """Whether there is a packet to receive, and it is not paused."""
+        """Return whether there is a packet to receive, and receiving is not paused."""
         return self._can(POLLIN) and not self.is_paused
 
     def receive(self) -> tuple[Address, list[bytes]] | None:
-        """The sender and the frames of the next packet; None if there is none."""
+        """Return the sender and the frames of the next packet, or None."""
         if not self._can(POLLIN):
             return None
         address, *frames = self._socket.recv_multipart(DONTWAIT)
         return address, frames
 
     def send(self, to: Address, packet: bytes) -> bool:
-        """Whether it left."""
+        """Send a packet; return whether it left."""
         try:
             self._socket.send(to, SNDMORE)
             self._socket.send(packet, DONTWAIT)
-        except zmq.ZMQError:  # gone, or it does not read
+        except zmq.ZMQError:  # the sender has disconnected, or does not read
             return False
         return True
 
     def close(self) -> None:
-        """Close; packets already sent still leave, for a second."""
+        """Close and remove the socket file. Packets already sent still leave, for a second."""
         super().close()
         if self.entrance.endpoint.startswith("ipc://"):
             Path(self.entrance.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
 class PathSocket(_DirectSocket):
-    """A sender's way to one entrance. Raises OSError if the endpoint is no address."""
+    """A sender's socket to one entrance. Raises OSError if the endpoint is not an address."""
 
     def __init__(self, entrance: Entrance) -> None:
         super().__init__(zmq.DEALER)
-        # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when
-        # the far end closes, and that would be the last answers of a slot. What waits for a slot
-        # that is gone is bounded by the count.
+        # Not IMMEDIATE: with it, libzmq 4.3.5 discards packets that have arrived and were not read
+        # when the far end closes. These may be the last answers of a slot. The sender's count
+        # bounds what waits for a slot that has disconnected.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
             if entrance.curve:
-                speak_only_to(self._socket, entrance.curve)
+                use_server_key(self._socket, entrance.curve)
             self._socket.connect(entrance.endpoint)
         except OSError:
             self._socket.close(linger=0)
@@ -124,15 +124,15 @@ class PathSocket(_DirectSocket):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the socket takes a packet now."""
+        """Whether the socket accepts a packet now."""
         return self._can(_POLLOUT)
 
     def receive(self) -> bytes | None:
-        """The next packet; None if there is none."""
+        """Return the next packet, or None."""
         return self._socket.recv(DONTWAIT) if self._can(POLLIN) else None
 
     def send(self, packet: bytes) -> bool:
-        """Whether it left."""
+        """Send a packet; return whether it left."""
         try:
             self._socket.send(packet, DONTWAIT)
         except zmq.Again:
@@ -141,7 +141,9 @@ class PathSocket(_DirectSocket):
 
 
 def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
-    """Listen where those who reach *central* reach it too; the endpoint."""
+    """Listen where every program that reaches *central* also reaches this socket; return the
+    endpoint.
+    """
     if central.startswith("tcp://"):
         name, _, port = central.removeprefix("tcp://").rpartition(":")
         family, _, _, _, address = sockets.getaddrinfo(
@@ -149,14 +151,14 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
         )[0]
         with sockets.socket(family, sockets.SOCK_DGRAM) as probe:
             probe.connect(address)  # sends nothing
-            host = str(probe.getsockname()[0])  # of this computer, from which central is reached
+            host = str(probe.getsockname()[0])  # this computer's address towards central
         socket.setsockopt(zmq.IPV6, int(":" in host))
         socket.bind(f"tcp://{f'[{host}]' if ':' in host else host}:*")
         return socket.get_string(zmq.LAST_ENDPOINT)
     folder = Path(central.removeprefix("ipc://")).parent
     if not central.startswith("ipc:///"):
-        raise ValueError(f"central's address {central!r} has no folder for it")
-    _remove_those_of_the_dead(folder)
+        raise ValueError(f"central's address {central!r} has no folder for the socket")
+    _remove_stale_sockets(folder)
     path = folder / f"{os.getpid()}-{token_hex(4)}{_SUFFIX}"
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise ValueError(f"{path} is too long for a socket")
@@ -165,7 +167,7 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     return f"ipc://{path}"
 
 
-def _remove_those_of_the_dead(folder: Path) -> None:
+def _remove_stale_sockets(folder: Path) -> None:
     """Remove the socket files of processes that were killed."""
     for path in folder.glob(f"*{_SUFFIX}"):
         try:
@@ -173,8 +175,8 @@ def _remove_those_of_the_dead(folder: Path) -> None:
         except ProcessLookupError:
             with contextlib.suppress(OSError), sockets.socket(sockets.AF_UNIX) as probe:
                 try:
-                    probe.connect(str(path))  # it may be a process of another computer
+                    probe.connect(str(path))  # the process may run on another computer
                 except ConnectionRefusedError:
                     path.unlink(missing_ok=True)
         except (ValueError, OverflowError, PermissionError):
-            continue  # somebody else's
+            continue  # not a file of ours

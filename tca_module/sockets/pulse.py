@@ -1,7 +1,6 @@
-"""The pulse of this process: a socket that echoes central's packets, so that central sees that the
-process lives.
+"""The pulse of this process: a socket that echoes central's heartbeats, as proof of life.
 
-ZeroMQ's own C code echoes them, without Python's lock
+ZeroMQ's own C code echoes them, so they need not wait for Python's lock
 (docs/decisions/0063-the-pulse-of-a-process.md).
 """
 
@@ -21,20 +20,21 @@ KEEPALIVE = (
     (zmq.TCP_KEEPALIVE_INTVL, 1),
     (zmq.TCP_KEEPALIVE_CNT, 5),
 )
-"""Options by which a line whose far end has vanished is noticed."""
+"""TCP options that detect a line whose far end has vanished."""
 
 
 class Pulse:
-    """One for all connections of this process to one central: ``pulse_to`` gives it, ``release``
-    ends its use.
+    """The pulse that all connections of this process to one central share.
+
+    ``pulse_to`` returns it, and ``release`` ends a use of it.
     """
 
     def __init__(self, address: str) -> None:
         self.users = 0
-        # A routing id of one's own is safe here: nobody else has it, and a line that it shuts out
-        # is only not watched.
+        # A fixed routing id is safe here: it is unique, and a line that it shuts out is merely not
+        # watched.
         self.name = b"pulse " + token_hex(8).encode()  #: its routing id
-        self._key = os.getpid(), address  # after a fork the child has a pulse of its own
+        self._key = os.getpid(), address  # a forked child has a pulse of its own
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         socket = self._context.socket(zmq.DEALER)
         for option, value in _OPTIONS:
@@ -42,15 +42,16 @@ class Pulse:
         socket.setsockopt(zmq.ROUTING_ID, self.name)
         show_key(socket, address)
         socket.connect(address)
-        beats = threading.Event()
+        is_started = threading.Event()
         self._thread = threading.Thread(
-            target=_send_back, args=(socket, beats), name="pulse", daemon=True
+            target=_echo, args=(socket, is_started), name="pulse", daemon=True
         )
         self._thread.start()
-        beats.wait()  # before central hears of it, and before anybody keeps Python's lock
+        # running before central knows of it, and before any thread holds Python's lock for long
+        is_started.wait()
 
     def release(self) -> None:
-        """One user less; the last one ends it."""
+        """End one use; the last one closes the pulse."""
         with _lock:
             self.users -= 1
             if self.users:
@@ -66,18 +67,16 @@ _OPTIONS = (
     (zmq.LINGER, 0),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 500),
-    (
-        zmq.CONNECT_TIMEOUT,
-        5000,
-    ),  # else the kernel tries for minutes to reach a computer that is away
-    *KEEPALIVE,  # it only answers: by itself it would never notice that there is nobody any more
+    # Without it, the kernel tries for minutes to reach a computer that is away.
+    (zmq.CONNECT_TIMEOUT, 5000),
+    *KEEPALIVE,  # the socket only answers, so it would never notice on its own that central is away
 )
 _lock = threading.Lock()
 _pulses: dict[tuple[int, str], Pulse] = {}
 
 
 def pulse_to(address: str) -> Pulse:
-    """The pulse of this process for the central at *address*; ``release`` it in the end."""
+    """Return this process's pulse for the central at *address*. Call ``release`` in the end."""
     with _lock:
         pulse = _pulses.get((os.getpid(), address))
         if pulse is None:
@@ -86,9 +85,9 @@ def pulse_to(address: str) -> Pulse:
         return pulse
 
 
-def _send_back(socket: "zmq.Socket[bytes]", beats: threading.Event) -> None:
-    # A signal that came here would have to wait for Python's lock.
+def _echo(socket: "zmq.Socket[bytes]", is_started: threading.Event) -> None:
+    # A signal delivered to this thread would have to wait for Python's lock.
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
     with contextlib.suppress(zmq.ContextTerminated), socket:
-        beats.set()
+        is_started.set()
         zmq.proxy(socket, socket)

@@ -1,6 +1,4 @@
-"""Carries packets between one connection and central, and waits for them together with other
-files.
-"""
+"""Carries packets between a connection and central; waits for them and for other files at once."""
 
 import contextlib
 import errno
@@ -23,43 +21,43 @@ from tca_module.sockets.curve import show_key
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
-    # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind
-    # (libzmq #2892).
-    (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
-    (
-        zmq.PROBE_ROUTER,
-        1,
-    ),  # an empty message on each new line: a central that does not know us says so at once
+    # No routing id: central identifies connections by Hello, and a fixed id can leave a zombie
+    # behind (libzmq #2892).
+    (zmq.IMMEDIATE, 1),  # refuse a packet for a central that is away, instead of losing it
+    # An empty message on each new line: a central that does not know this connection says so.
+    (zmq.PROBE_ROUTER, 1),
     (zmq.SNDHWM, 1000),
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
-    (zmq.RECONNECT_IVL_MAX, 500),  # a restarted central has everybody back within a second
-    # No HEARTBEAT_IVL: one that is due while a socket lingers whose far end has closed ends the
-    # process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line
-    # by itself.
+    (zmq.RECONNECT_IVL_MAX, 500),  # all modules reconnect to a restarted central within a second
+    # No HEARTBEAT_IVL: a heartbeat that is due on a lingering socket whose far end has closed ends
+    # the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP keepalive
+    # detects a dead line.
     *KEEPALIVE,
 )
 
 
 _PROBED_WITHIN = 0.2  # seconds
-_LIVELY = 0.02  # seconds after a packet in which the next one is likely to come
+_LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
-class Beside(Protocol):
-    """Something that is waited for together with packets from central."""
+class EventSource(Protocol):
+    """A source of events that is waited for together with packets from central."""
 
     def fileno(self) -> int:
-        """A file that becomes readable when there may be something: ask ``has_arrived`` before each
-        wait for it.
+        """Return a file that becomes readable when something may have arrived.
+
+        Ask ``has_arrived`` before each wait for it.
         """
 
     def has_arrived(self) -> bool:
-        """Whether there is something to do."""
+        """Return whether there is something to do."""
 
 
-class Transport(Beside, Protocol):
-    """Carries packets to one central and back; may lose them when the connection breaks, but keeps
-    their order.
+class Transport(EventSource, Protocol):
+    """Carries packets to one central and back.
+
+    It may lose packets when the connection breaks, but keeps their order.
     """
 
     @property
@@ -67,63 +65,71 @@ class Transport(Beside, Protocol):
         """Central's address, for people."""
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
-        """Send, waiting so long for central to be there and take it; whether it left."""
+        """Send a packet; return whether it left.
+
+        Waits *wait_seconds* at most for central to be there and to accept it.
+        """
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        """The next packet; None if there is none in time, or something else has happened, such as
-        *alarm*: a moment of the clock on which callbacks are due.
+        """Return the next packet, or None if none comes in time or another event ends the wait.
+
+        *alarm*, a time of the handlers' clock, is such an event.
         """
 
     def files(self) -> Collection[int]:
-        """The files of which one becomes readable when there may be something, or ``wake`` is
+        """Return the files; one becomes readable when something may have arrived or ``wake`` is
         called.
         """
 
     def waker(self) -> "Waker":
-        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+        """Return the waker, and make ``wake`` take effect at once from now on."""
 
     def wake(self) -> None:
-        """Let ``receive`` return soon; may be called from any thread."""
+        """Make ``receive`` return soon. May be called from any thread."""
 
     def time(self) -> float:
-        """The seconds of the clock on which callbacks are due; it never jumps."""
+        """Return the time of the handlers' clock, in seconds. It never jumps."""
 
     def seconds_until(self, moment: float) -> float:
-        """The seconds to wait for a moment of that clock; the thread pauses until then."""
+        """Return the seconds to wait until a moment of that clock.
+
+        The thread then pauses until the moment, which a stepped clock remembers.
+        """
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
-        """The block in which its thread waits for files, of which this is one; ``receive`` has no
-        need of it.
+        """Return a block in which the thread waits for files, among them this transport's.
+
+        ``receive`` does not need it.
         """
 
     def close(self) -> None:
-        """Close; packets already sent still leave, for a second."""
+        """Close. Packets already sent still leave, for a second."""
 
 
 class Waker:
-    """Ends the waits of one thread from others."""
+    """Ends the waits of one thread from other threads."""
 
     def __init__(self) -> None:
         if hasattr(os, "eventfd"):
             self._near = self._far = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         else:
             self._near, self._far = os.pipe()
-        self._lock = threading.RLock()  # a signal's handler may set it, too
+        self._lock = threading.RLock()  # reentrant, because a signal handler may set it, too
         self._is_set = False
 
     def fileno(self) -> int:
-        """The file that is readable when it is set."""
+        """Return the file that is readable while this is set."""
         return self._near
 
     def set(self) -> None:
-        """End the wait, or the next one."""
+        """End the current wait, or the next one."""
         with self._lock:
             if not self._is_set:
                 self._is_set = True
                 os.write(self._far, _ONE)
 
     def clear(self) -> bool:
-        """Let waits last again; whether it was set."""
+        """Reset; return whether it was set."""
         if not self._is_set:
             return False
         with self._lock:
@@ -132,36 +138,36 @@ class Waker:
         return True
 
     def close(self) -> None:
-        """End for good; twice does no harm."""
+        """Close for good. May be called twice."""
         with self._lock:
-            self._is_set = True  # nobody waits any more, and nobody is to write into what has the files' numbers next
+            # Set, so that no later ``set`` writes into a file that gets the same number.
+            self._is_set = True
             files, self._near, self._far = {self._near, self._far}, -1, -1
             for file in files - {-1}:
                 os.close(file)
 
 
-_ONE = (1).to_bytes(8, sys.byteorder)  # what an eventfd takes; a pipe takes anything
+_ONE = (1).to_bytes(8, sys.byteorder)  # an eventfd requires eight bytes; a pipe accepts anything
 
 
-def is_anybody_there(address: str) -> bool:
-    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``), as it
-    does for a stopped process, but not for one that has ended.
+def accepts_connections(address: str) -> bool:
+    """Return whether the operating system accepts connections to *address*.
+
+    It does so for a stopped process, but not for one that has ended. *address* is ``ipc://`` or
+    ``tcp://``.
     """
     try:
         _probe(address).close()
     except OSError as error:
-        return (
-            error.errno == errno.EAGAIN
-        )  # of a Unix socket: more have come than a process that stands still took
+        # A Unix socket whose queue is full: its process is stopped.
+        return error.errno == errno.EAGAIN
     except ValueError:
         return False
     return True
 
 
-def is_turned_away(address: str) -> bool:
-    """Whether those who connect to *address* are cut off at once, as by a central that has too many
-    connections.
-    """
+def rejects_connections(address: str) -> bool:
+    """Return whether connections to *address* are cut at once, as by an overloaded central."""
     try:
         with _probe(address) as probe:
             return not probe.recv(1)
@@ -170,7 +176,7 @@ def is_turned_away(address: str) -> bool:
 
 
 def _probe(address: str) -> sockets.socket:
-    """A connection. Raises OSError, or ValueError if *address* is none."""
+    """Return a connection. Raises OSError, or ValueError if *address* is malformed."""
     if not address.startswith("ipc://"):
         host, _, port = address.removeprefix("tcp://").rpartition(":")
         return sockets.create_connection((host.strip("[]"), int(port)), _PROBED_WITHIN)
@@ -189,8 +195,9 @@ _NO_PAUSE = contextlib.nullcontext()
 
 
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
-    """Wait, at most so many seconds, until *transport* or one of the *files* (their numbers) has
-    something to read. Returns the files that have; False: that one is not open.
+    """Wait until *transport* or one of the *files* (their numbers) is readable, at most *seconds*.
+
+    Returns the ready files; False stands for a file that is not open.
     """
     poll = select.poll()
     for file in (*transport.files(), *files):
@@ -201,13 +208,13 @@ def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> d
     return {file: not event & select.POLLNVAL for file, event in ready if file in files}
 
 
-# As plain integers: combining pyzmq's enum members costs a microsecond each time.
+# Plain integers, because combining pyzmq's enum members costs a microsecond each time.
 EVENTS, POLLIN, DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
 SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
 
 
 def context() -> "zmq.Context[zmq.Socket[bytes]]":
-    """The one ZeroMQ context of this process; a forked child has its own."""
+    """Return the one ZeroMQ context of this process; a forked child has its own."""
     return _context_of(os.getpid())
 
 
@@ -217,7 +224,7 @@ def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
 
 
 class DealerTransport:
-    """A DEALER socket."""
+    """A transport by a DEALER socket."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -226,9 +233,10 @@ class DealerTransport:
         self._receive_timeout = -1
         self._waker = Waker()
         self._is_woken_at_once = False
-        self._is_lively = False  #: something was sent lately, or asked for
-        self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for
-        self._beside: dict[Beside, int] = {}  #: other things waited for -> the file of each
+        self._is_lively = False  #: a packet was sent or requested lately
+        #: waits for the socket and all other sources
+        self._selector: selectors.DefaultSelector | None = None
+        self._sources: dict[EventSource, int] = {}  #: other source -> its file
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
@@ -239,13 +247,15 @@ class DealerTransport:
             raise
         except zmq.ZMQError as error:
             self._socket.close(linger=0)
-            msg = f"central's address must be 'ipc:///path/of/socket' or 'tcp://host:port', not {address!r} ({error})"
-            raise MisuseError(msg) from None
+            raise MisuseError(
+                "central's address must be 'ipc:///path/of/socket' or 'tcp://host:port',"
+                f" not {address!r} ({error})"
+            ) from None
         self._pulse: Pulse | None = pulse_to(address)  #: None when closed
         self.pulse = self._pulse.name
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
-        """Send, waiting so long for central to be there and take it; whether it left."""
+        """Send a packet; return whether it left. Waits *wait_seconds* at most."""
         self._is_lively = True
         try:
             self._socket.send(packet, DONTWAIT)
@@ -256,15 +266,15 @@ class DealerTransport:
         return True
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        """The next packet; None if there is none in time, or something else has happened."""
+        """Return the next packet, or None if none comes in time or another event ends the wait."""
         socket = self._socket
         if alarm < math.inf:
             timeout_seconds = min(timeout_seconds, self.seconds_until(alarm))
         if timeout_seconds <= 0:
-            # Asking is cheaper than the exception that an empty socket raises.
+            # Asking first is cheaper than the exception that an empty socket raises.
             return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
-        if self._is_lively and not (self._beside or self._is_woken_at_once):
-            # ZeroMQ's own wait costs less, but no wake from another thread ends it.
+        if self._is_lively and not (self._sources or self._is_woken_at_once):
+            # ZeroMQ's own wait is cheaper, but no wake from another thread ends it.
             if (packet := self._receive_soon(min(timeout_seconds, _LIVELY))) is not None:
                 return packet
             self._is_lively = False
@@ -274,10 +284,8 @@ class DealerTransport:
         return self.receive(0)
 
     def _receive_soon(self, timeout_seconds: float) -> bytes | None:
-        socket, milliseconds = (
-            self._socket,
-            int(timeout_seconds * 1000) + 1,
-        )  # rounded up: 0 would be a busy wait
+        socket = self._socket
+        milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
             self._receive_timeout = milliseconds
             socket.setsockopt(zmq.RCVTIMEO, milliseconds)
@@ -286,66 +294,67 @@ class DealerTransport:
         except zmq.Again:
             return None
 
-    def add(self, beside: Beside) -> None:
-        """From now on ``receive`` waits for this, too."""
-        self._beside[beside] = beside.fileno()
-        self._together().register(self._beside[beside], selectors.EVENT_READ)
+    def add(self, source: EventSource) -> None:
+        """Wait in ``receive`` for this source, too."""
+        self._sources[source] = source.fileno()
+        self._full_selector().register(self._sources[source], selectors.EVENT_READ)
 
-    def remove(self, beside: Beside) -> None:
-        """Wait for it no longer."""
-        self._together().unregister(self._beside.pop(beside))
+    def remove(self, source: EventSource) -> None:
+        """Stop waiting for this source."""
+        self._full_selector().unregister(self._sources.pop(source))
 
-    def _together(self) -> selectors.DefaultSelector:
-        if self._all is None:
-            self._all = selectors.DefaultSelector()
-            self._all.register(self._file, selectors.EVENT_READ)
-        return self._all
+    def _full_selector(self) -> selectors.DefaultSelector:
+        if self._selector is None:
+            self._selector = selectors.DefaultSelector()
+            self._selector.register(self._file, selectors.EVENT_READ)
+        return self._selector
 
     def has_arrived(self) -> bool:
-        """Whether there is something to receive, here or beside, or ``wake`` was called since this
-        was asked last.
+        """Return whether a packet or another source is ready, or ``wake`` was called since the last
+        time.
         """
         is_woken = self._waker.clear()
-        arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
+        arrived = [source.has_arrived() for source in self._sources]  # every source must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
     def time(self) -> float:
-        """The seconds of the clock on which callbacks are due; it never jumps."""
+        """Return the time of the handlers' clock, in seconds. It never jumps."""
         return time.monotonic()
 
     def seconds_until(self, moment: float) -> float:
-        """The seconds to wait for a moment of that clock."""
+        """Return the seconds to wait for a moment of that clock."""
         return moment - time.monotonic()
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
-        """Nobody asks."""
+        """Return a block that does nothing: no test steps this clock."""
         return _NO_PAUSE
 
     def fileno(self) -> int:
-        """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait
-        for it.
+        """Return a file that becomes readable when a packet arrives.
+
+        Ask ``has_arrived`` before each wait for it.
         """
-        return self._together().fileno()
+        return self._full_selector().fileno()
 
     def files(self) -> Collection[int]:
-        """The files of which one becomes readable when there may be something, or ``wake`` is
+        """Return the files; one becomes readable when something may have arrived or ``wake`` is
         called.
         """
-        return self._file, self._waker.fileno(), *self._beside.values()
+        return self._file, self._waker.fileno(), *self._sources.values()
 
     def waker(self) -> Waker:
-        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+        """Return the waker, and make ``wake`` take effect at once from now on."""
         self._is_woken_at_once = True
         return self._waker
 
     def wake(self) -> None:
-        """Let ``receive`` return soon: within 0.02 s, until somebody asked for the waker."""
+        """Make ``receive`` return within 0.02 s, or at once after a call of ``waker``."""
         self._waker.set()
 
     def close(self) -> None:
-        """Close; packets already sent still leave, for a second."""
-        if self._all is not None:
-            self._all.close()
+        """Close. Packets already sent still leave, for a second."""
+        if self._selector is not None:
+            self._selector.close()
         self._socket.close()
         self._waker.close()
         if self._pulse is not None:

@@ -19,11 +19,11 @@ from tca_tools.journal.fates import (
     Failed,
     Fate,
     all_failures,
-    begun_again_with,
+    describe_asker,
     failing,
     fate,
-    told_to,
-    went_on,
+    retried_ancestor,
+    run_continued,
 )
 from tca_tools.journal.records import HandlerWait, Handling, Message, Task
 from tca_tools.journal.whole_run import Run
@@ -115,12 +115,12 @@ def _rank(kind: FailureKind) -> tuple[int, int, float]:
 
 def _case(run: Run, one: Failed) -> Case:
     message, time = one.message, one.time
-    became, why = fate(run, message, time), told_to(run, message, time)
+    became, why = fate(run, message, time), describe_asker(run, message, time)
     recovery, called = 0.0, list[str]()
     if isinstance(message, Task):
         recovery = _recovered(run, message, one) - time
         called = [call.text for call in calls(RunAt(run), message, time, one.until)]
-        if (above := begun_again_with(run, message, time)) is not None:
+        if (above := retried_ancestor(run, message, time)) is not None:
             why = f"{above} was handled again: {above.state}"
         if became in ENDED_TASKS:
             why = message.why_killed or ""
@@ -171,7 +171,7 @@ def _became(run: Run, wait: HandlerWait) -> Fate | None:
     failure = failed.was("failure", handling.end) if isinstance(failed, Message) else None
     if failure is not None and failure.name == DEADLOCK:
         return None
-    return Fate.COPED if went_on(run, failed, handling.end) else Fate.ANSWERED
+    return Fate.COPED if run_continued(run, failed, handling.end) else Fate.ANSWERED
 
 
 def _lost(one: Failed, became: Fate) -> float:

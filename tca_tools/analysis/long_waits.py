@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_tools.explain.keepers import Keepers
 from tca_tools.explain.wait_words import for_claim, in_queue, of_queueing, wait_for
-from tca_tools.explain.waits import NO_TIME, has_come, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, has_come, of_handler_wait, waits_for_display
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
 from tca_tools.journal.whole_run import Run
@@ -136,7 +136,7 @@ def _in_queue(run: Run, queueing: Queueing) -> str:
 def _why_held(run: Run, task: Task, found: _Found) -> str:
     """The causes that held a task, each with how long it did."""
     causes = []
-    for wait in told_waits(run, task):
+    for wait in waits_for_display(run, task):
         if found.start <= wait.start < found.end:
             seconds = min(wait.end, run.time) - wait.start
             causes.append((wait_for(RunAt(run, wait.start), wait), seconds))

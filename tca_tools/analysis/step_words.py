@@ -50,7 +50,7 @@ def waited(run: Run, step: PathStep) -> str:
     return f"{who} waited {handler_wait_in_words(run, step.resumed)}"
 
 
-def why_then(run: Run, step: PathStep) -> str:
+def why_not_sooner(run: Run, step: PathStep) -> str:
     """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is
     known.
     """

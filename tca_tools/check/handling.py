@@ -27,7 +27,7 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
     _leave_queue(world, item)
     lives.go_on(world, item)
     place = item.waits_at = world.place(fact.module, fact.resource)
-    place.waiting[item.given_as] = item
+    place.waiting[item.handling_id] = item
     if fact.module and world.is_whole and item.message not in world.handlers:
         world.broken(rules.HANDLES, item, f"was queued for {said(place)}, and nobody handles it")
 
@@ -57,7 +57,7 @@ def unqueued(world: JournalWorld, item: MessageRecord, _: facts.Unqueued) -> Non
 
 def _leave_queue(world: JournalWorld, item: MessageRecord) -> None:
     if item.waits_at is not None:
-        item.waits_at.waiting.pop(item.given_as, None)
+        item.waits_at.waiting.pop(item.handling_id, None)
         world.places_touched[item.waits_at] = None
         item.waits_at = None
 
@@ -71,7 +71,7 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     _leave_queue(world, item)
     _may_go_to(world, item, place)
     is_nested = item.message_class.has_reply and item.sender == place.module
-    (place.nested if is_nested else place.runs)[item.given_as] = item
+    (place.nested if is_nested else place.runs)[item.handling_id] = item
     lives.go_on(world, item, place.module)
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
@@ -145,15 +145,15 @@ def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord)
 def _end_run(world: JournalWorld, item: MessageRecord) -> None:
     place, item.place = item.place, None
     if place is not None:
-        place.runs.pop(item.given_as, None)
-        place.nested.pop(item.given_as, None)
+        place.runs.pop(item.handling_id, None)
+        place.nested.pop(item.handling_id, None)
         world.places_touched[place] = None
 
 
 def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
     """A handler returns."""
-    if item.place is None or item.given_as != fact.id:
-        if not item.is_stranger and (item.given_as == fact.id or world.is_whole):
+    if item.place is None or item.handling_id != fact.id:
+        if not item.is_stranger and (item.handling_id == fact.id or world.is_whole):
             world.broken(
                 rules.RETURNED,
                 item.id,

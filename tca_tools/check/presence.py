@@ -146,7 +146,9 @@ def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) ->
     """Whether the resource is used by the module that asks; of nested handlers only the module is
     known.
     """
-    return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
+    return item.handling_id == claim.origin or (
+        claim.sender == place.module and len(place.runs) == 1
+    )
 
 
 def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:

@@ -85,7 +85,7 @@ class MessageRecord(MessageView):
     about: int = 0
     original: "MessageRecord | None" = None  #: of a copy
     copies: int = 0  #: how many of its copies are not over
-    given_as: int = field(init=False)  #: its newest delivery
+    handling_id: int = field(init=False)  #: its newest delivery
     is_task: bool = field(init=False)
     is_goal: bool = field(init=False)
 
@@ -151,7 +151,7 @@ class MessageRecord(MessageView):
     untested: int = 0  #: of a monitor: answers that it has not looked at
 
     def __post_init__(self) -> None:
-        self.given_as = self.id
+        self.handling_id = self.id
         self.is_task, self.is_goal = self.message_class.is_task, self.message_class.is_goal
 
     def __str__(self) -> str:

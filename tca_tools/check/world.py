@@ -163,7 +163,7 @@ class JournalWorld:
                 self.over[item.id] = EndedMessage(
                     item.message, item.message_class, item.sender, item.sent_by, body
                 )
-                self.deliveries.pop(item.given_as, None)
+                self.deliveries.pop(item.handling_id, None)
         self.flagged.clear()
 
     def begin(self, entry: facts.Entry) -> None:
@@ -255,8 +255,8 @@ class JournalWorld:
         self.note_number(fact.id)
         if original is not None and original.is_task:
             original.again = False
-            self.deliveries.pop(original.given_as, None)
-            original.given_as, self.deliveries[fact.id] = fact.id, original
+            self.deliveries.pop(original.handling_id, None)
+            original.handling_id, self.deliveries[fact.id] = fact.id, original
             self.touched[original] = None
             return original
         return self._copy(fact, original or self.over[fact.message_id], what)

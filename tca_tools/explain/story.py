@@ -17,10 +17,10 @@ from tca_tools.explain.wait_words import (
     told,
     wait_for,
 )
-from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, waits_for_display
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
-from tca_tools.journal.fates import WATCHING, told_to
+from tca_tools.journal.fates import WATCHING, describe_asker
 from tca_tools.journal.records import (
     OVER,
     Claim,
@@ -146,7 +146,7 @@ def _failures(run: Run, message: Message, moment: float) -> Sentences:
     by = {(one.time, one.failure): raised_by(one.by) for one in raised}
     for time, failure in message.failures:
         yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
-        if who := told_to(run, message, time, max(moment, time)):
+        if who := describe_asker(run, message, time, max(moment, time)):
             yield Sentence(time, f"its failure is {who}")
     for time, data in message.became("failure_data"):
         if text := data_text(data):
@@ -373,7 +373,7 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
 
 def _states(run: Run, task: Task, moment: float) -> Sentences:
     """The states that nothing else tells of, with what ended them or keeps them up."""
-    waits, at = told_waits(run, task, together=True), RunAt(run, moment)
+    waits, at = waits_for_display(run, task, together=True), RunAt(run, moment)
     starts = [one.start for one in waits]
     state = TaskState.HELD
     for start, end, following in task.spans():

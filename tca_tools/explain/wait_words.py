@@ -222,10 +222,10 @@ def reasons(at: RunAt, task: TaskAt) -> list[str]:
     """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is
     achieved"]``.
     """
-    return clauses(told_now(at, task, shown(at, task)))
+    return clauses(named_waits_now(at, task, shown(at, task)))
 
 
-def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
+def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
     """The waits of a task now, with names."""
     return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
 

@@ -3,7 +3,7 @@
 - ``waits_of(run, number)``: all that a task or message ever waited for. Each wait has one cause and
 one span; several
   may overlap, so the list is linear in the journal.
-- ``told_waits(run, task)``: the same as people are told of it, cut to the states of the task.
+- ``waits_for_display(run, task)``: the same as people are told of it, cut to the states of the task.
 
 graph.py has what was so at a moment. Words come last.
 """
@@ -305,8 +305,8 @@ def kept_by(run: Run, children: Sequence[TaskId], moment: int, time: float | Non
     rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
-        is_aside = child.message_class.is_aside and not child.is_waited_for
-        if moment != END_ACHIEVING or not is_aside:
+        is_outside_sequence = child.message_class.is_outside_sequence and not child.is_waited_for
+        if moment != END_ACHIEVING or not is_outside_sequence:
             found.append(child)
             continue
         if is_kept := _is_kept(run, child, time):
@@ -475,7 +475,7 @@ def _before_it_begins(
 # --- as people are told ---------------------------------------------------------------------------
 
 
-def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
+def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
     """The waits of a task for what came next in each of its states, oldest first. *together*: of
     subtasks that it waits for from one time on, the last that is named stands for the rest.
     """

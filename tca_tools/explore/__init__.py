@@ -1,6 +1,4 @@
-"""Explores every interleaving of a small scenario against the real core of central: bounded model
-checking.
-"""
+"""Bounded model checking: explore every interleaving of a small scenario against central's core."""
 
 from tca_tools.explore.errors import ExplorerError as ExplorerError
 from tca_tools.explore.errors import ScenarioError as ScenarioError

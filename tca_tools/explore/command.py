@@ -1,4 +1,4 @@
-"""``tca explore``: explores the scenarios of a file."""
+"""``tca explore``: explore the scenarios of a file."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -24,15 +24,17 @@ from tca_tools.user_file import names_of
     type=click.IntRange(1),
     default=LIMIT,
     show_default=True,
-    help="States after which a scenario is given up.",
+    help="Stop exploring a scenario after N states.",
 )
 @click.pass_context
 def explore_file(context: click.Context, path: Path, limit: int) -> None:
     """Explore every interleaving of small scenarios.
 
-    FILE is a Python file, which may import what lies beside it; each Scenario at its top level is
-    explored with its properties. Exit code 0 says that all of them hold in all runs, 1 that one
-    does not or is not known, 2 that one can't be explored; the others are.
+    FILE is a Python file, which may import modules from its own folder. Each Scenario at its top
+    level is explored with its properties.
+
+    Exit codes: 0 if all properties hold in all runs, 1 if one does not hold or the limit is
+    reached, 2 if a scenario can't be explored (the others are explored all the same).
     """
     code = 0
     for scenario in _scenarios(path):
@@ -50,16 +52,17 @@ def explore_file(context: click.Context, path: Path, limit: int) -> None:
 
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """A function that shows the progress, in a line that is gone in the end; None if stderr is no
-    terminal.
+    """Yield a function that shows the progress in one line; None if stderr is not a terminal.
+
+    The line is erased at the end.
     """
     if not sys.stderr.isatty():
         yield None
         return
 
-    def show(states: int, to_go: int) -> None:
+    def show(states: int, unexpanded: int) -> None:
         click.echo(
-            f"\r\x1b[K{title}: {states:,} states, {to_go:,} of them to go on from",
+            f"\r\x1b[K{title}: {states:,} states, {unexpanded:,} not yet explored further",
             err=True,
             nl=False,
         )
@@ -74,6 +77,6 @@ def _scenarios(path: Path) -> list[Scenario]:
     found = [value for value in names_of(path).values() if isinstance(value, Scenario)]
     if not found:
         raise click.UsageError(
-            f"{path} has no scenario: make a tca_tools.explore.Scenario at its top level"
+            f"{path} has no scenario: create a tca_tools.explore.Scenario at its top level"
         )
     return found

@@ -1,10 +1,10 @@
-"""Errors of the explorer. What scripts may catch are the module library's errors: they raise what
-they do on the robot.
+"""Errors of the explorer.
 
-ExplorerError        do not raise or catch this one; it groups the others
-├── ScenarioError    a scenario can't be played: what, where, what to do
-└── CentralFault     central raised something: a bug in central, which the result of an exploration
-shows
+Calls in a script raise the module library's errors, as on the robot. The explorer has its own, too.
+
+ExplorerError        groups the others; neither raised nor caught itself
+├── ScenarioError    a scenario can't be played; the text says where, why and what to do
+└── CentralFault     central raised an error; the result of the exploration reports this bug
 """
 
 
@@ -13,8 +13,8 @@ class ExplorerError(Exception):
 
 
 class ScenarioError(ExplorerError):
-    """A scenario can't be played."""
+    """A scenario can't be played: it, or one of its scripts, has a mistake."""
 
 
 class CentralFault(ExplorerError):
-    """Central raised something that it should not."""
+    """Central raised an error while handling an event."""

@@ -1,1 +1,1 @@
-"""A run in the formats of other tools: Perfetto, Foxglove, notebooks and spreadsheets."""
+"""Exports of a run in the formats of other tools: Perfetto, Foxglove, notebooks, spreadsheets."""

@@ -23,14 +23,15 @@ class ExportFormat(NamedTuple):
     """A format of exports."""
 
     suffixes: tuple[str, ...]
-    """The suffixes of its files; none if it is a folder."""
+    """The suffixes of its files; none for a folder."""
     write: Callable[[Log, Path], None]
     begins: bytes = b""
-    """The first bytes of its file, or of a table's: a file that has them is ours. Empty: the names
-    of its columns.
+    """The first bytes of its files, by which an earlier export is recognised.
+
+    If empty, these are the names of a table's columns.
     """
     tables: str = ""
-    """Of a folder of tables: what the names of its files end in."""
+    """The suffix of the files in a folder of tables."""
 
 
 def _perfetto(journal: Log, output: Path) -> None:
@@ -46,9 +47,10 @@ def _mcap(journal: Log, output: Path) -> None:
         from tca_tools.export.mcap_file import write_mcap  # noqa: PLC0415
     number = count()
     run = folded(journal, entries=(entry for entry, _ in zip(journal, number, strict=False)))
-    again = islice(Log(journal.path), next(number))  # a run that goes on has more of them by now
+    # The second reading stops at the same entry, although a running run has more of them by now.
+    same_entries = islice(Log(journal.path), next(number))
     with new_file(output) as stream:
-        write_mcap(run, again, stream)
+        write_mcap(run, same_entries, stream)
 
 
 def _json_lines(journal: Log, output: Path) -> None:
@@ -80,9 +82,7 @@ def _tables(
 
 
 FORMATS = {
-    "perfetto": ExportFormat(
-        (".pftrace", ".perfetto-trace"), _perfetto, b"\n"
-    ),  # a packet of a trace
+    "perfetto": ExportFormat((".pftrace", ".perfetto-trace"), _perfetto, b"\n"),
     "mcap": ExportFormat((".mcap",), _mcap, b"\x89MCAP0\r\n"),
     "jsonl": ExportFormat((".jsonl",), _json_lines, b'{"t": '),
     "csv": ExportFormat((), _csv, tables=".csv"),
@@ -96,7 +96,7 @@ FORMATS = {
     "--to",
     "name",
     type=click.Choice(list(FORMATS)),
-    help="The format (default: what the file's name says).",
+    help="The format (default: by the file's suffix).",
 )
 @click.option(
     "-o",
@@ -116,8 +116,8 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
     csv       a folder of tables: messages, tasks, states, handlings, queueings, waits, ...
     parquet   the same tables with typed columns
 
-    LOG is a journal directory or one of its segments; without it, the newest run is exported.
-    """  # noqa: D301 - click wants the character itself
+    LOG is a journal directory or one of its segments; the default is the newest run.
+    """  # noqa: D301 - click interprets the character itself
     chosen = FORMATS[name or _named_by(output)]
     _check_free(chosen, output, force=force)
     journal = open_log(log_path)
@@ -126,31 +126,32 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
 
 
 def _check_free(chosen: ExportFormat, output: Path, *, force: bool) -> None:
-    """Raises ToolError if the export would destroy what is none of ours."""
+    """Raise ToolError if the export would overwrite anything but an earlier export."""
     with made_for(output):
         is_file = not chosen.tables or (output.exists() and not output.is_dir())
     if is_file:
         check_free(output, begins=chosen.begins, force=force)
         return
     if any(output.glob(f"*{SEGMENT_SUFFIX}")):
-        raise ToolError(f"{output}: a journal: give another folder")
+        raise ToolError(f"{output} is a journal: choose another folder")
     for table in TABLES:
         begins = chosen.begins or ",".join(table.columns).encode()
         check_free(output / f"{table.name}{chosen.tables}", begins=begins, force=force)
 
 
 def _named_by(output: Path) -> str:
-    """The format that a file's name asks for. Raises UsageError if it asks for none."""
+    """Return the format with the file's suffix; raise UsageError if there is none."""
     for name, known in FORMATS.items():
         if output.suffix in known.suffixes:
             return name
         if output.suffix and output.suffix == known.tables:
             folder = output.with_suffix("")
             raise click.UsageError(
-                f"{output}: {name} is no single file but a folder of tables: name the folder: --to {name} -o {folder}"
+                f"{output}: {name} is a folder of tables, not a file: "
+                f"name the folder: --to {name} -o {folder}"
             )
     raise click.UsageError(
-        f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}"
+        f"{output}: its suffix is that of no format: add --to with one of {', '.join(FORMATS)}"
     )
 
 

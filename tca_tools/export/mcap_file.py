@@ -1,6 +1,4 @@
-"""A run as an MCAP file: JSON messages on topics, each topic with a JSON Schema; docs/exports.md
-lists the topics.
-"""
+"""A run as an MCAP file: JSON messages on topics, each with a JSON Schema (see docs/exports.md)."""
 
 import heapq
 import re
@@ -16,7 +14,7 @@ from mcap.writer import Writer
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.journal.at_time import TaskAt
-from tca_tools.journal.fates import went_on
+from tca_tools.journal.fates import run_continued
 from tca_tools.journal.lives import effect_of
 from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import BAD_NEWS, fact_row
@@ -71,11 +69,11 @@ _SCHEMAS = {
         line=_INT,
     ),
 }
-"""Of topics; those of the robot's messages come from how these were declared."""
+"""By topic: its schema. The schemas of the robot's messages come from their declarations."""
 
 
-class Said(NamedTuple):
-    """A message on a topic; *about* is the message of the robot that it is of."""
+class TopicMessage(NamedTuple):
+    """A message on a topic; *about* is the name of the robot's message, or ""."""
 
     time: int
     topic: str
@@ -84,7 +82,7 @@ class Said(NamedTuple):
 
 
 def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
-    """Write a run, of which all is known, and its entries once more."""
+    """Write a run; *entries* are those from which it was built."""
     writer = _Topics(run, stream)
     nanoseconds = Nanoseconds(run)
     streams = (
@@ -92,39 +90,39 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
         _states(run, nanoseconds),
         _resources(run, nanoseconds),
     )
-    for said in heapq.merge(*streams, key=itemgetter(0)):
-        writer.write(said)
+    for message in heapq.merge(*streams, key=itemgetter(0)):
+        writer.write(message)
     writer.finish()
 
 
 # --- records --------------------------------------------------------------------------------------
 
 
-def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
-    """Lines of the log, facts, messages and results."""
-    wording, began, place_in_past, time = Wording(), since_1970(run), -1, 0
+def _from_entries(
+    run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds
+) -> Iterator[TopicMessage]:
+    """Yield the lines of the log, facts, messages and results."""
+    wording, began, place_in_run, time = Wording(), since_1970(run), -1, 0
     for entry in entries:
-        if place_in_past < 0 or entry.number != run.numbers[place_in_past]:
-            place_in_past += 1  # else it is one of several records of one event
-            time = nanoseconds(run.times[place_in_past])
+        if place_in_run < 0 or entry.number != run.numbers[place_in_run]:
+            place_in_run += 1  # an event may have several entries of one number
+            time = nanoseconds(run.times[place_in_run])
         for fact in entry.facts:
             kind = kind_of(fact)
             level = _LEVELS.get(kind, _INFO)
-            if isinstance(fact, facts.Failed) and _has_coped(run, fact, run.times[place_in_past]):
+            if isinstance(fact, facts.Failed) and _has_coped(run, fact, run.times[place_in_run]):
                 level = _WARNING
             yield _logged(time, began, level, f"{kind}: {wording.words(fact)}", entry.number)
-            yield Said(time, "/tca/facts", "", fact_row(entry, fact))
-            if said := _data_of(run, fact, time):
-                yield said
-    if run.is_live and run.times:  # so far the file goes
+            yield TopicMessage(time, "/tca/facts", "", fact_row(entry, fact))
+            if message := _data_of(run, fact, time):
+                yield message
+    if run.is_live and run.times:  # the file ends at this time
         text = f"still running: nothing has happened since {run_time(run.times[-1])}"
         yield _logged(max(nanoseconds(run.time), time), began, _INFO, text, run.numbers[-1])
 
 
-def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
-    """The data of a message that is sent, of a result, or of an intermediate one; None of other
-    facts.
-    """
+def _data_of(run: Run, fact: facts.Fact, time: int) -> TopicMessage | None:
+    """Return the data of a sent message, a result or an intermediate result; None for others."""
     if isinstance(fact, facts.Received):
         content = {
             "id": fact.id,
@@ -132,7 +130,7 @@ def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
             "parent": fact.parent,
             "origin": fact.origin,
         }
-        return Said(time, "/messages", fact.message, content | _data(fact.body))
+        return TopicMessage(time, "/messages", fact.message, content | _data(fact.body))
     if isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
         topic, number, message = "/results", fact.id, run.delivered(fact.id)
     elif isinstance(fact, facts.StateChanged) and (task := run.tasks.get(fact.task)):
@@ -141,11 +139,13 @@ def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
     else:
         return None
     data = _data(fact.body)
-    return Said(time, topic, message.name, {"id": number} | data) if message and data else None
+    if not message or not data:
+        return None
+    return TopicMessage(time, topic, message.name, {"id": number} | data)
 
 
-def _logged(time: int, began: int, level: int, text: str, number: int) -> Said:
-    """A line of Foxglove's log; *number* is the entry that it is about."""
+def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicMessage:
+    """Return a line of Foxglove's log; *number* is that of its entry."""
     timestamp = {"sec": (time + began) // _SECOND, "nsec": (time + began) % _SECOND}
     line = {
         "timestamp": timestamp,
@@ -155,12 +155,12 @@ def _logged(time: int, began: int, level: int, text: str, number: int) -> Said:
         "file": "",
         "line": number,
     }
-    return Said(time, "/tca/log", "", line)
+    return TopicMessage(time, "/tca/log", "", line)
 
 
 def _has_coped(run: Run, fact: facts.Failed, time: float) -> bool:
     failed = run.delivered(fact.id)
-    return failed is not None and went_on(run, failed, time)
+    return failed is not None and run_continued(run, failed, time)
 
 
 def _data(body: bytes) -> dict[str, Any]:
@@ -169,14 +169,14 @@ def _data(body: bytes) -> dict[str, Any]:
 
 
 def _without_none(value: Any) -> Any:
-    """*value* without fields that hold nothing: plain schemas have no word for "perhaps null"."""
+    """Return *value* without fields that are None, which plain schemas can't describe."""
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
     return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
-def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
-    """Each change of a task's state."""
+def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[TopicMessage]:
+    """Yield each change of a task's state."""
     changes = sorted((time, task.id) for task in run.tasks.values() for time, _ in task.states)
     for time, number in changes:
         record = run.tasks[number]
@@ -184,12 +184,12 @@ def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": str(task.failure)}
         if task.failure:
-            content["handled"] = went_on(run, record, record.written("failure", time))
-        yield Said(nanoseconds(time), "/tca/tasks", "", content)
+            content["handled"] = run_continued(run, record, record.written("failure", time))
+        yield TopicMessage(nanoseconds(time), "/tca/tasks", "", content)
 
 
-def _resources(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
-    """How many handlers run in a resource, and how many messages wait for it, when that changes."""
+def _resources(run: Run, nanoseconds: Nanoseconds) -> Iterator[TopicMessage]:
+    """Yield the numbers of running handlers and queued messages of a resource at each change."""
     changes = [
         (nanoseconds(time), place(span.module, span.resource) or "(no handler)", is_running, step)
         for is_running, spans in ((True, run.handlings), (False, run.queueings))
@@ -202,16 +202,16 @@ def _resources(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
         queued_and_running = counts.setdefault(resource, [0, 0])
         queued_and_running[is_running] += step
         queued, running = queued_and_running
-        yield Said(
+        yield TopicMessage(
             time, "/tca/resources", "", {"resource": resource, "running": running, "queued": queued}
         )
 
 
-# --- how it is written ----------------------------------------------------------------------------
+# --- the file -------------------------------------------------------------------------------------
 
 
 class _Topics:
-    """Writes to topics, which come into being with their first message."""
+    """Writes messages to topics; the first message of a topic creates it."""
 
     def __init__(self, run: Run, stream: BinaryIO) -> None:
         self._run = run
@@ -223,19 +223,19 @@ class _Topics:
         self._topics: set[str] = set()
         self._counts: Counter[int] = Counter()
 
-    def write(self, said: Said) -> None:
-        key = (said.topic, said.about)
+    def write(self, message: TopicMessage) -> None:
+        key = (message.topic, message.about)
         if key not in self._channels:
             self._channels[key] = self._open(*key)
         channel = self._channels[key]
         self._counts[channel] += 1
-        time = said.time + self._began
+        time = message.time + self._began
         self._writer.add_message(
-            channel, time, msgspec.json.encode(said.content), time, self._counts[channel]
+            channel, time, msgspec.json.encode(message.content), time, self._counts[channel]
         )
 
     def finish(self) -> None:
-        """Write what readers look for at the end of the file."""
+        """Write the index at the end of the file."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _open(self, topic: str, about: str) -> int:
@@ -244,7 +244,7 @@ class _Topics:
             schema["title"], "jsonschema", msgspec.json.encode(schema)
         )
         wanted = name = f"{topic}/{re.sub(r'[^A-Za-z0-9_/-]', '_', about)}" if about else topic
-        for number in count(2):  # "move leg" and "move_leg" are two messages
+        for number in count(2):  # "move leg" and "move_leg" have different topics
             if name not in self._topics:
                 break
             name = f"{wanted}_{number}"
@@ -254,7 +254,7 @@ class _Topics:
         )
 
     def _schema_about(self, topic: str, about: str) -> Schema:
-        """The schema of what is sent or returned, from how the message was declared."""
+        """Return the schema of a message's data or result, from its declaration."""
         known = self._run.formats.get(about)
         if topic == "/progress":
             return object_schema(f"{about} (progress)", id=_INT)

@@ -1,6 +1,4 @@
-"""Times as whole nanoseconds, as Perfetto and MCAP want them: each entry's later than that of the
-one before.
-"""
+"""Times as whole nanoseconds for Perfetto and MCAP; each entry is later than the one before."""
 
 from array import array
 from bisect import bisect_left
@@ -9,14 +7,14 @@ from math import isfinite
 from tca_tools.journal.whole_run import Run
 
 _LATEST = 4e9
-"""More than a century, in seconds: what is written later than that is no time."""
+"""More than a century, in seconds: a later time in a journal is an error."""
 
 
 class Nanoseconds:
-    """Turns the times of a past into nanoseconds since its epoch began.
+    """Converts the times of a run into nanoseconds since the start of its epoch.
 
-    Entries of one and the same time, of which a coarse clock makes many, come one nanosecond after
-    the other: so an effect is never as early as its cause.
+    Entries of equal time, which a coarse clock causes, follow each other by one nanosecond. An
+    effect is therefore always later than its cause.
     """
 
     def __init__(self, run: Run) -> None:
@@ -28,7 +26,7 @@ class Nanoseconds:
             self._nanoseconds.append(last)
 
     def __call__(self, time: float) -> int:
-        """The nanosecond of an entry's time, or of any other."""
+        """Return the nanosecond of an entry's time, or of any other time."""
         place = bisect_left(self._times, time)
         if place < len(self._times) and self._times[place] == time:
             return self._nanoseconds[place]
@@ -36,7 +34,7 @@ class Nanoseconds:
 
 
 def since_1970(run: Run) -> int:
-    """When the epoch began; 0 if that is not known."""
+    """Return the start of the epoch in nanoseconds since 1970; 0 if it is unknown."""
     return _whole(run.began or 0.0)
 
 

@@ -26,8 +26,8 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
     """Write one table."""
     schema = pa.schema([(name, _TYPES[kind]) for name, kind in table.columns.items()])
     with parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-        found = table.rows(run)
-        while rows := list(islice(found, _ROWS_IN_A_GROUP)):
+        all_rows = table.rows(run)
+        while rows := list(islice(all_rows, _ROWS_IN_A_GROUP)):
             columns = [
                 _column(column, kind)
                 for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
@@ -36,8 +36,9 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
 
 
 def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
-    """A column. Journals have integers up to 2^64: what has no room in it becomes the largest one
-    that has.
+    """Return a column; integers that are too large for it become the largest possible one.
+
+    Journals have integers up to 2^64.
     """
     try:
         return pa.array(values, kind)

@@ -1,8 +1,8 @@
-"""JSON Schemas as viewers of MCAP files read them: a tree of named fields. Pure.
+"""JSON Schemas for viewers of MCAP files: a tree of named fields.
 
-Foxglove reads objects with ``properties``, arrays of one type, and plain types; it knows neither
-references nor alternatives, and refuses a whole topic where it meets one. So references are filled
-in, "X or null" becomes X, and a field that can't be said is left out: the data still have it.
+Foxglove reads objects with ``properties``, arrays of one type, and plain types. It refuses a topic
+with references or alternatives in its schema. References are therefore replaced by their targets,
+and "X or null" by X. A field that can't be described is left out of the schema; the data have it.
 """
 
 import json
@@ -13,12 +13,13 @@ Schema = dict[str, Any]
 _NAMES = ((str, "string"), (int, "integer"))
 _DEEPEST = 32
 _MOST_PARTS = 5000
-"""Filling in references may make a schema of a few lines endless."""
+"""The most parts of a schema; replaced references may make a short schema endless."""
 
 
 def plain_schema(text: str) -> Schema | None:
-    """The schema of the plain values of a message's data, from the text of a format; None if it
-    can't be said.
+    """Return the plain schema of a message's data, from the text of its format.
+
+    Return None if a plain schema can't describe the data.
     """
     try:
         schema = json.loads(text or "{}")
@@ -29,14 +30,15 @@ def plain_schema(text: str) -> Schema | None:
 
 
 def object_schema(title: str, **properties: Schema | None) -> Schema:
-    """The schema of an object; of a field without one nothing is said."""
+    """Return the schema of an object, without the fields whose schema is None."""
     known = {name: schema for name, schema in properties.items() if schema is not None}
     return {"title": title, "type": "object", "properties": known}
 
 
 class _Plain:
-    """Makes schemas plain; *within* are the references that a part is in, and "" for each object or
-    array.
+    """Converts schemas to plain ones.
+
+    *within* has the references around a part, and "" for each object or array around it.
     """
 
     def __init__(self, definitions: Schema) -> None:
@@ -44,27 +46,24 @@ class _Plain:
         self._parts = 0
 
     def schema(self, schema: Any, within: tuple[str, ...]) -> Schema | None:
-        """A part made plain; None if it can't be."""
+        """Return the plain schema of a part; None if that is impossible."""
         self._parts += 1
         if not isinstance(schema, dict) or len(within) > _DEEPEST or self._parts > _MOST_PARTS:
             return None
         if reference := schema.get("$ref"):
-            name = str(reference).rpartition("/")[
-                2
-            ]  # of a type that holds itself the inner one is left out
-            return (
-                None
-                if name in within
-                else self.schema(self._definitions.get(name), (*within, name))
-            )
-        if isinstance(ways := schema.get("anyOf"), list):
-            return self._one_of([way for way in ways if way != {"type": "null"}], within)
+            name = str(reference).rpartition("/")[2]
+            if name in within:  # a type that contains itself
+                return None
+            return self.schema(self._definitions.get(name), (*within, name))
+        if isinstance(alternatives := schema.get("anyOf"), list):
+            parts = [part for part in alternatives if part != {"type": "null"}]
+            return self._common(parts, within)
         return self._of_one_kind(schema, (*within, ""))
 
-    def _one_of(self, ways: list[Any], within: tuple[str, ...]) -> Schema | None:
-        """Alternatives, if they are all the same."""
-        plain = [self.schema(way, within) for way in ways]
-        return plain[0] if plain and all(way == plain[0] for way in plain) else None
+    def _common(self, alternatives: list[Any], within: tuple[str, ...]) -> Schema | None:
+        """Return the plain schema of alternatives, if they all have the same."""
+        plain = [self.schema(part, within) for part in alternatives]
+        return plain[0] if plain and all(part == plain[0] for part in plain) else None
 
     def _of_one_kind(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
         plain: Schema | None = None
@@ -82,12 +81,12 @@ class _Plain:
                     "type": "object",
                     "properties": {name: part for name, part in parts.items() if part},
                 }
-            case {"type": "array", "format": "numpy"}:  # shown by its type and shape
+            case {"type": "array", "format": "numpy"}:  # its data have dtype and shape only
                 shape = {"type": "array", "items": {"type": "integer"}}
                 plain = object_schema("array", dtype={"type": "string"}, shape=shape)
             case {"type": "array"}:
                 plain = self._array(schema, within)
-            case {"type": "string", "contentEncoding": _}:  # bytes are shown as an object
+            case {"type": "string", "contentEncoding": _}:  # the data of bytes are an object
                 plain = object_schema(
                     "bytes", base64={"type": "string", "contentEncoding": "base64"}
                 )
@@ -96,7 +95,7 @@ class _Plain:
         return plain
 
     def _array(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
-        """An array whose items are all of one type that is no array, nor null."""
+        """Return the schema of an array whose items have one type, neither array nor null."""
         first = schema.get("prefixItems")
         kinds = [
             kind
@@ -105,5 +104,5 @@ class _Plain:
         ]
         if any(isinstance(kind, dict) and "anyOf" in kind for kind in kinds):
             return None
-        item = self._one_of(kinds, within)
+        item = self._common(kinds, within)
         return {"type": "array", "items": item} if item and item["type"] != "array" else None

@@ -1,7 +1,7 @@
-"""A run as tables: what CSV and Parquet files hold; docs/exports.md lists the columns for users.
+"""A run as tables for CSV and Parquet files; docs/exports.md lists the columns for users.
 
-Times are seconds on the journal's clock. None is what is not known, has not happened, or is not
-there.
+Times are seconds on the journal's clock. None stands for a value that is unknown, has not occurred
+yet, or does not exist.
 """
 
 import csv
@@ -13,7 +13,7 @@ from math import inf
 from typing import Any, BinaryIO
 
 from tca_tools.explain.waits import Wait, of_handler_wait, waits_of
-from tca_tools.journal.fates import all_failures, fate, has_coped, went_on
+from tca_tools.journal.fates import all_failures, fate, run_continued, run_continued_after
 from tca_tools.journal.records import HandlerWait, Handling, Queueing
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import MOMENTS, describe_moments
@@ -36,13 +36,13 @@ TableRow = tuple[Any, ...]
 
 
 class Table:
-    """A name, columns with their types, and how the rows are made, oldest first."""
+    """A table: its name, its columns with their types, and a function that yields its rows."""
 
     def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[TableRow]]) -> None:
         self.name = name
         self.columns = {
             column: ColumnType(word)
-            for column, _, word in (one.partition(":") for one in columns.split())
+            for column, _, word in (column_text.partition(":") for column_text in columns.split())
         }
         self.rows = rows
 
@@ -63,27 +63,32 @@ def _run(run: Run) -> Iterator[TableRow]:
 def _messages(run: Run) -> Iterator[TableRow]:
     for message in run.messages.values():
         runs = message.handlings
+        is_handled = None
+        if message.failure:
+            is_handled = run_continued(run, message, message.written("failure"))
         yield (
-            message.id, message.name, str(message.message_class), message.sender, message.origin or None,
-            str(message.role) or None, message.about or None, message.received, runs[0].start if runs else None,
-            runs[-1].end if runs else None, message.answered, len(runs), message.failure or None,
-            went_on(run, message, message.written("failure")) if message.failure else None, message.dropped or None,
-            _json(message.body), _json(message.result), _json(message.failure_data),
+            message.id, message.name, str(message.message_class),
+            message.sender, message.origin or None, str(message.role) or None,
+            message.about or None, message.received,
+            runs[0].start if runs else None, runs[-1].end if runs else None,
+            message.answered, len(runs), message.failure or None, is_handled,
+            message.dropped or None, _json(message.body), _json(message.result),
+            _json(message.failure_data),
         )  # fmt: skip
 
 
 def _failures(run: Run) -> Iterator[TableRow]:
-    for one in all_failures(run):
+    for raised in all_failures(run):
         yield (
-            one.message.id,
-            one.message.name,
-            one.time,
-            one.failure.name,
-            one.failure.words or None,
-            one.by or None,
-            _delivery(one.asker),
-            str(fate(run, one.message, one.time)),
-            went_on(run, one.message, one.time),
+            raised.message.id,
+            raised.message.name,
+            raised.time,
+            raised.failure.name,
+            raised.failure.words or None,
+            raised.by or None,
+            _delivery(raised.asker),
+            str(fate(run, raised.message, raised.time)),
+            run_continued(run, raised.message, raised.time),
         )
 
 
@@ -114,33 +119,38 @@ def _states(run: Run) -> Iterator[TableRow]:
 
 def _changes(run: Run) -> Iterator[TableRow]:
     for task in run.tasks.values():
-        for one in task.life:
-            said = (
-                one.transition,
-                one.state,
-                one.serial,
-                str(one.by),
-                one.module or None,
-                one.text or None,
+        for change in task.life:
+            yield (
+                task.id,
+                task.name,
+                change.time,
+                change.transition,
+                change.state,
+                change.serial,
+                str(change.by),
+                change.module or None,
+                change.text or None,
+                _json(change.body),
             )
-            yield task.id, task.name, one.time, *said, _json(one.body)
 
 
 def _handlings(run: Run) -> Iterator[TableRow]:
     for handling in run.handlings:
         yield (
-            handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
-            handling.start, handling.end, handling.outcome and str(handling.outcome),
-            has_coped(run, handling) if handling.outcome is Outcome.FAILED else None, handling.direct_from or None,
-            handling.slot or None, handling.is_nested, handling.priority,
+            handling.message_id or None, handling.delivery or None, handling.name,
+            handling.module, handling.resource, handling.start, handling.end,
+            handling.outcome and str(handling.outcome),
+            run_continued_after(run, handling) if handling.outcome is Outcome.FAILED else None,
+            handling.direct_from or None, handling.slot or None,
+            handling.is_nested, handling.priority,
         )  # fmt: skip
 
 
 def _queueings(run: Run) -> Iterator[TableRow]:
     for queueing in run.queueings:
         name = run.name(queueing.message_id)
-        where = (queueing.module, queueing.resource)
-        yield queueing.message_id, name, *where, queueing.priority, queueing.start, queueing.end
+        place = (queueing.module, queueing.resource)
+        yield queueing.message_id, name, *place, queueing.priority, queueing.start, queueing.end
 
 
 def _waits(run: Run) -> Iterator[TableRow]:
@@ -152,7 +162,7 @@ def _waits(run: Run) -> Iterator[TableRow]:
     found += [
         (0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits
     ]
-    for number, wait in sorted(found, key=lambda one: one[1].start):
+    for number, wait in sorted(found, key=lambda pair: pair[1].start):
         if wait.kind is not WaitKind.RUNNING:
             is_other = wait.kind not in (
                 WaitKind.RESOURCE,
@@ -176,7 +186,7 @@ def _waits(run: Run) -> Iterator[TableRow]:
 
 
 def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
-    """Module, resource and delivery: of the handler that waits, or where a message is queued."""
+    """Return module, resource and delivery of the waiting handler, or of a message's queue."""
     record = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
     if isinstance(record, Handling | Queueing):
         return (
@@ -188,16 +198,16 @@ def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
 
 
 def _drops(run: Run) -> Iterator[TableRow]:
-    for one in run.drops:
+    for drop in run.drops:
         yield (
-            one.time,
-            one.message_id or None,
-            one.name or None,
-            one.is_copy,
-            one.number,
-            str(one.dropping) or None,
-            one.why,
-            one.sender or None,
+            drop.time,
+            drop.message_id or None,
+            drop.name or None,
+            drop.is_copy,
+            drop.number,
+            str(drop.dropping) or None,
+            drop.why,
+            drop.sender or None,
         )
 
 
@@ -226,8 +236,8 @@ TABLES = (
     Table("run", "epoch began:s first:s last:s until:s live:flag entries:int", _run),
     Table(
         "messages",
-        "id:int name class sender origin:int role about:int sent:s started:s ended:s answered:s handlings:int failure"
-        " handled:flag dropped data:json result:json failure_data:json",
+        "id:int name class sender origin:int role about:int sent:s started:s ended:s answered:s"
+        " handlings:int failure handled:flag dropped data:json result:json failure_data:json",
         _messages,
     ),
     Table(
@@ -245,8 +255,8 @@ TABLES = (
     ),
     Table(
         "handlings",
-        "message:int delivery:int name module resource start:s end:s outcome handled:flag direct_from slot:int"
-        " nested:flag priority:int",
+        "message:int delivery:int name module resource start:s end:s outcome handled:flag"
+        " direct_from slot:int nested:flag priority:int",
         _handlings,
     ),
     Table(
@@ -267,12 +277,13 @@ TABLES = (
         _claims,
     ),
 )
-"""All of them."""
+"""All tables."""
 
 
 def write_csv(table: Table, run: Run, stream: BinaryIO) -> None:
-    """Write a table with a line of column names (RFC 4180; UTF-8, empty where nothing is known).
-    Flags are words that every reader of CSV takes for truth values.
+    """Write a table as CSV (RFC 4180, UTF-8) with a line of column names; None is empty.
+
+    Flags are "true" and "false", which readers of CSV recognise as truth values.
     """
     text = io.TextIOWrapper(stream, "utf-8", newline="")
     writer = csv.writer(text)

@@ -1,1 +1,1 @@
-"""The Gantt chart of a run, as text and as a picture: what every module did, and when."""
+"""The Gantt chart of a run, as text and as a picture: what each module did, and when."""

@@ -1,4 +1,4 @@
-"""``tca gantt``: what every module did when, on the terminal or as a picture."""
+"""``tca gantt``: what each module did when, on the terminal or as a picture."""
 
 from pathlib import Path
 
@@ -37,18 +37,18 @@ _KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
 @click.option(
     "--story",
     metavar="TASK",
-    help="Only this task, what is under it and, paler, what it waited for.",
+    help="Only this task, its subtasks and, paler, the tasks that it waited for.",
 )
 @output_option(".svg, .png, .pdf, .html or .txt")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw bars with ASCII characters.")
 def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: bool) -> None:
-    """Show what every module did when.
+    """Show what each module did when.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is shown.
+    LOG is a journal directory or one of its segments; the default is the newest run.
     """
     check_output(output, _KINDS, force=asked.force)
     if asked.task is not None and story:
-        raise click.UsageError("--task and --story exclude each other: ask for one of them")
+        raise click.UsageError("--task and --story exclude each other: use one of them")
     journal = open_log(asked.log_path)
     history = folded(journal, asked.at)
     check_span(asked.start, history.time if asked.end is None else asked.end)
@@ -67,29 +67,30 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
 
 
 def _title(name: str, drawing: Chart, task: str | None, story: str | None) -> str:
-    what = f", story of {printable(story)}" if story else ""
+    subject = f", story of {printable(story)}" if story else ""
     if task is not None:
-        what = f", task {printable(task)}"
-    return f"{printable(name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s"
+        subject = f", task {printable(task)}"
+    return f"{printable(name)}{subject}: {drawing.start:.2f} to {drawing.end:.2f} s"
 
 
 def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
-    """The bars that the options ask for. Raises NotInLog."""
+    """Return the selection that the options ask for; raise NotInLog for an unknown name."""
     check_modules(run, asked.modules)
     rows = frozenset(asked.modules) if asked.modules else None
     if story:
-        one = one_task(run, story)
-        wanted = messages_of(run, subtree(run, [one]))
-        beside, life = waited_for(run, one, wanted), _life(run, run.tasks[one])
-        return Pick(rows, wanted, beside, wanted, *life)
+        number = one_task(run, story)
+        wanted = messages_of(run, subtree(run, [number]))
+        context, life = waited_for(run, number, wanted), _life(run, run.tasks[number])
+        return Pick(rows, wanted, context, wanted, *life)
     if asked.task is not None:
         return Pick(rows, messages_of(run, subtree(run, tasks_called(run, asked.task))))
     return Pick(rows)
 
 
 def _life(run: Run, task: Task) -> tuple[float, float | None]:
-    """When a task was sent, and a little after its end, if it has ended: what it waited for may
-    have gone on.
+    """Return the time at which a task was sent, and the end of the chart; None if it is open.
+
+    The chart ends a little after the task, to show what happens to the tasks that it waited for.
     """
     if task.state not in OVER:
         return task.received, None

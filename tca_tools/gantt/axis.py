@@ -1,4 +1,4 @@
-"""A time axis: where times stand, sensible ticks, and their labels."""
+"""A time axis: the places of times, round ticks, and their labels."""
 
 from dataclasses import dataclass
 from math import ceil, floor, log10
@@ -8,35 +8,35 @@ _MINUTES = (60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400
 
 @dataclass(frozen=True)
 class Scale:
-    """Where a time stands in the plot. *depths*: how many times wider it can be made."""
+    """The places of times in a plot. *zooms* are the factors by which it can be widened."""
 
     width: float
     start: float
     end: float
-    depths: tuple[int, ...] = (1,)
+    zooms: tuple[int, ...] = (1,)
 
     @property
     def finest(self) -> float:
-        """The finest detail, in pixels of the plot as it is at first."""
-        return 1.0 / self.depths[-1]
+        """The smallest visible length, in pixels of the plot before zooming."""
+        return 1.0 / self.zooms[-1]
 
     @property
     def pixel(self) -> float:
-        """How many seconds the finest detail is."""
+        """The smallest visible length, in seconds."""
         return self.finest * (self.end - self.start) / self.width
 
     def x(self, time: float) -> float:
-        """Where *time* is; at the edge, if it is beyond."""
+        """Return the place of *time* in pixels; a time outside the plot is at its edge."""
         time, span = min(max(time, self.start), self.end), self.end - self.start
         return self.width * ((time - self.start) / span) if span > 0 else 0.0
 
-    def depth_for(self, needed: float, width: float) -> int | None:
-        """How many times wider the plot must be for what is *width* to be as wide as *needed*."""
-        return next((depth for depth in self.depths if width * depth > needed), None)
+    def zoom_for(self, needed: float, width: float) -> int | None:
+        """Return the least zoom that makes *width* wider than *needed*; None if none does."""
+        return next((zoom for zoom in self.zooms if width * zoom > needed), None)
 
 
 def ticks(start: float, end: float, at_most: int) -> list[tuple[float, str]]:
-    """Round times between *start* and *end*, no more than about *at_most*, with their labels."""
+    """Return round times between *start* and *end* with their labels: about *at_most* of them."""
     step = _step((end - start) / max(at_most, 1))
     if step <= 0:
         return [(start, _label(start, 1.0))]
@@ -45,7 +45,7 @@ def ticks(start: float, end: float, at_most: int) -> list[tuple[float, str]]:
 
 
 def _step(shortest: float) -> float:
-    """The shortest round step that is not shorter."""
+    """Return the shortest round step of at least *shortest* seconds."""
     if shortest <= 0:
         return 0.0
     if shortest > 30:
@@ -58,7 +58,7 @@ def _step(shortest: float) -> float:
 
 
 def _label(time: float, step: float) -> str:
-    """``0.25 s``, ``12 s``, ``3:30`` (minutes), ``1:05:00`` (hours)."""
+    """Return the label of a time: ``0.25 s``, ``12 s``, ``3:30`` (minutes), ``1:05:00`` (hours)."""
     if step < 30:
         decimals = max(0, -floor(log10(step) + 1e-9))
         return f"{time:.{decimals}f} s"

@@ -1,6 +1,6 @@
-"""Blocks of bars that are too narrow to be drawn one by one, and the length of a long queue. Pure.
+"""Blocks of bars that are too narrow to be drawn one by one, and the length of a queue.
 
-However many bars there are, a lane becomes no more things to draw than it has columns.
+A lane has at most as many blocks as columns, however many bars there are.
 """
 
 from collections import Counter
@@ -13,16 +13,22 @@ from tca_tools.spans import levels
 from tca_wire.text.measures import from_to, percent
 
 _NAMED = 4
-"""How many messages the title of a block names."""
+"""The most messages that the title of a block names."""
 
 
 def in_blocks(
     bars: Iterable[Bar], start: float, column: float, narrow: float
 ) -> tuple[list[Bar], list[Bar]]:
-    """Bars that are longer than *narrow* seconds or alone in their column, and blocks of the
-    others.
+    """Combine narrow bars into blocks, one for each lane and column.
 
-    *column* is the length of a column in seconds; the first begins at *start*.
+    Args:
+        bars: The bars.
+        start: The time at which the first column starts.
+        column: The length of a column in seconds.
+        narrow: The length in seconds above which a bar is wide.
+
+    Returns:
+        The bars that are wide or alone in their column; and the blocks.
     """
     wide: list[Bar] = []
     columns: dict[tuple[int, int], list[Bar]] = {}
@@ -33,12 +39,12 @@ def in_blocks(
             columns.setdefault(
                 (bar.lane, int((max(bar.start, start) - start) / column)), []
             ).append(bar)
-    wide += [some[0] for some in columns.values() if len(some) == 1]
-    return wide, [_block(some) for some in columns.values() if len(some) > 1]
+    wide += [group[0] for group in columns.values() if len(group) == 1]
+    return wide, [_block(group) for group in columns.values() if len(group) > 1]
 
 
 def _block(bars: list[Bar]) -> Bar:
-    """Several bars as one, in the name of the message that took most of the time."""
+    """Combine several bars into one, named after the message that took most of the time."""
     seconds: dict[str, float] = {}
     for bar in bars:
         seconds[bar.name] = seconds.get(bar.name, 0.0) + bar.seconds
@@ -46,7 +52,7 @@ def _block(bars: list[Bar]) -> Bar:
     span = bars[0].start, max(bar.end for bar in bars)
     block = Bar(max(seconds, key=seconds.__getitem__), *span, kind=bars[0].kind)
     block.title = partial(_title, block)
-    block.is_beside = all(bar.is_beside for bar in bars)
+    block.is_context = all(bar.is_context for bar in bars)
     worst = (Ending.FAILED, Ending.COPED, Ending.RESOLVED, Ending.KILLED)
     block.ending = next((one for one in worst if one in endings), Ending.NONE)
     block.waits = [wait for bar in bars for wait in bar.waits]
@@ -55,7 +61,7 @@ def _block(bars: list[Bar]) -> Bar:
 
 
 def share_of(block: Bar) -> float:
-    """Which part of its span is filled, from 0 to 1."""
+    """Return the part of a block's span that its bars fill, from 0 to 1."""
     span = block.end - block.start
     return min(block.seconds / span, 1.0) if span > 0 else 1.0
 
@@ -74,8 +80,9 @@ def _title(block: Bar) -> str:
 def queue_lengths(
     bars: Iterable[Bar], start: float, column: float
 ) -> list[tuple[float, float, int]]:
-    """How many waited at most in each column, where anything did: from, to, number; equal
-    neighbours are one.
+    """Return the longest queue in each column with a queue, as (start, end, number).
+
+    Neighbours of equal length are combined.
     """
     most: dict[int, int] = {}
     for (begin, number), (end, _) in pairwise(levels((bar.start, bar.end) for bar in bars)):
@@ -90,5 +97,5 @@ def queue_lengths(
         else:
             steps.append([at, at + 1, number])
     return [
-        (start + first * column, start + behind * column, number) for first, behind, number in steps
+        (start + first * column, start + stop * column, number) for first, stop, number in steps
     ]

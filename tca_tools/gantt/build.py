@@ -1,6 +1,4 @@
-"""From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws
-nothing.
-"""
+"""Build the rows of a chart from a run: what each resource handled, waited for and queued."""
 
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -9,12 +7,12 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.explain.waits import told_waits
+from tca_tools.explain.waits import waits_for_display
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.journal.coordinators import agent_task
-from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.fates import run_continued, run_continued_after
 from tca_tools.journal.records import (
     Claim,
     HandlerWait,
@@ -31,27 +29,33 @@ from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
 
 NO_HANDLER = "(no handler)"
-"""The row of what waits for a module that handles it."""
+"""The row of messages that wait until a module handles them."""
 SUSPENDED = "(suspended)"
 """The row of suspended tasks."""
 _HELD = (TaskState.HELD, TaskState.PLANNED)
-"""States in which a task may not go on yet: it may not be handled, or may not be achieved."""
+"""States in which constraints hold a task: its handling, or its achievement."""
 
 
 def chart(
     run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL
 ) -> Chart:
-    """The chart from *start* to *end*, a row for each resource; by default of all that happened."""
+    """Return the chart of a run, with a row for each resource.
+
+    Args:
+        run: The run.
+        start: Seconds since the start of the run; by default where the first bar begins.
+        end: Seconds since the start of the run; by default where the last bar ends.
+        pick: The bars to include; all by default.
+    """
     window = (-inf if start is None else start, inf if end is None else end)
-    rows = _Filler(run, pick, window).filled()
+    rows = _RowBuilder(run, pick, window).build()
     names = dict.fromkeys(message.name for message in run.messages.values())
     names |= dict.fromkeys(bar.name for row in rows.values() for bar in row.bars)
     start, end = span_of(list(rows.values()), run, pick, start, end)
     for row in rows.values():
         row.lay_out(start, end)
-    modules = list(
-        dict.fromkeys(module for module, _ in rows if module)
-    )  # rows of a module stand side by side
+    # The rows of a module come one after the other, and rows without a module last.
+    modules = list(dict.fromkeys(module for module, _ in rows if module))
     places = {module: place for place, module in enumerate([*modules, ""])}
     keys = sorted(rows, key=lambda key: (places[key[0]], key == ("", "")))
     shown = (rows[key] for key in keys)
@@ -61,13 +65,13 @@ def chart(
 
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
-    """Whether an empty row is shown: that of a module that only sends has to be asked for."""
+    """Whether an empty row is shown. A module that only sends must be selected by name."""
     is_wanted = row.is_offered or pick.modules is not None
     return is_wanted and pick.messages is None and bool(row.connected)
 
 
-class _Filler:
-    """Puts bars into rows."""
+class _RowBuilder:
+    """Builds the rows of a chart with their bars."""
 
     def __init__(self, run: Run, pick: Pick, window: Span) -> None:
         self.run = run
@@ -75,33 +79,35 @@ class _Filler:
         self.start, self.end = window
         self.rows: dict[tuple[str, str], ResourceRow] = {}
 
-    def filled(self) -> dict[tuple[str, str], ResourceRow]:
-        """The rows, with the bars of everything that is asked for and shows."""
+    def build(self) -> dict[tuple[str, str], ResourceRow]:
+        """Return the rows, with all bars that are selected and visible."""
         run = self.run
-        modules = [one for one in run.modules.values() if self.pick.row(one.name)]
+        modules = [module for module in run.modules.values() if self.pick.row(module.name)]
         for module in modules:
             self._add_module(module)
-        for handling in self._wanted(run.handlings):
-            self._row(handling.module, handling.resource).handled.append(self._handled(handling))
+        for handling in self._picked(run.handlings):
+            self._row(handling.module, handling.resource).handled.append(
+                self._handled_bar(handling)
+            )
         for module in modules:  # what it waits for outside of handlers
             waits = (
                 wait
-                for wait in self._showing(_lasting(module.waits))
+                for wait in self._visible(_lasting(module.waits))
                 if self.pick.message(wait.awaited)
             )
-            awaited = [self._awaited(module.name, wait) for wait in waits]
+            awaited = [self._awaited_bar(module.name, wait) for wait in waits]
             self._row(module.name, _resources(module)[0]).handled += awaited
-        for queueing in self._wanted(run.queueings):
-            self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
+        for queueing in self._picked(run.queueings):
+            self._row(queueing.module, queueing.resource).queued.append(self._queued_bar(queueing))
         for task in run.tasks.values():
-            self._add_kept(task)
+            self._add_held(task)
         for claim in chain.from_iterable(run.grants.values()):
             if self.pick.row(claim.module):
-                self._row(claim.module, claim.resource).claims.append(self._claimed(claim))
+                self._row(claim.module, claim.resource).claims.append(self._claim_bar(claim))
         return self.rows
 
     def _add_module(self, module: ModuleRecord) -> None:
-        """Its rows, as long as they are empty."""
+        """Add the rows of a module, still without bars."""
         for resource in _resources(module):
             row = self._row(module.name, resource)
             row.connected = [
@@ -113,74 +119,76 @@ class _Filler:
         key = (module, resource)
         if key not in self.rows:
             self.rows[key] = ResourceRow(
-                place(*key) if module else resource or NO_HANDLER, is_nobodys=not module
+                place(*key) if module else resource or NO_HANDLER, is_without_module=not module
             )
         return self.rows[key]
 
-    def _wanted(self, some: Iterable[Any]) -> Iterator[Any]:
-        """Those of some handlings or queueings that are asked for."""
-        for one in self._showing(some):
-            if self.pick.row(one.module) and self.pick.message(one.message_id):
-                yield one
+    def _picked(self, some: Iterable[Any]) -> Iterator[Any]:
+        """Yield the selected and visible ones of some handlings or queueings."""
+        for span in self._visible(some):
+            if self.pick.row(span.module) and self.pick.message(span.message_id):
+                yield span
 
-    def _showing(self, spans: Iterable[Any]) -> Iterator[Any]:
-        """Those of some spans that lie between start and end."""
-        for one in spans:
-            if one.start <= self.end and (one.end is None or one.end >= self.start):
-                yield one
+    def _visible(self, spans: Iterable[Any]) -> Iterator[Any]:
+        """Yield the spans that overlap the time from start to end."""
+        for span in spans:
+            if span.start <= self.end and (span.end is None or span.end >= self.start):
+                yield span
 
     # --- single bars ------------------------------------------------------------------------------
 
     def _bar(
         self, kind: BarKind, name: str, start: float, end: float | None, of: int | None = None
     ) -> Bar:
-        """A bar *of* a message, without its title."""
+        """Return a bar *of* a message, without its title."""
         until = self.run.time if end is None else end
-        is_beside = of is not None and not self.pick.is_asked(of)
-        return Bar(name, start, until, kind=kind, is_open=end is None, is_beside=is_beside)
+        is_context = of is not None and not self.pick.is_asked(of)
+        return Bar(name, start, until, kind=kind, is_open=end is None, is_context=is_context)
 
-    def _handled(self, one: Handling) -> Bar:
+    def _handled_bar(self, one: Handling) -> Bar:
         bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, one.message_id)
         bar.title = partial(titles.handled, self.run, one)
         if one.outcome is Outcome.FAILED:
-            bar.ending = self._failed(one)
+            bar.ending = self._failure_ending(one)
         elif one.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
-        who = titles.described(self.run, one)
-        bar.waits = [self._wait(who, one.name, wait) for wait in _lasting(one.waits)]
+        name_of_waiter = titles.described(self.run, one)
+        bar.waits = [self._wait_bar(name_of_waiter, one.name, wait) for wait in _lasting(one.waits)]
         for part in bar.waits:
             part.end = min(part.end, bar.end)
         bar.marks = self._marks(one.message_id, bar)
         task = self.run.tasks.get(one.message_id)
         if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
-            bar.ahead_until, bar.is_wasted = sent.entered, sent.is_wasted
+            bar.early_until, bar.is_wasted = sent.entered, sent.is_wasted
         return bar
 
-    def _failed(self, one: Handling) -> Ending:
+    def _failure_ending(self, one: Handling) -> Ending:
         task = self.run.tasks.get(one.message_id)
         if task and task.state is TaskState.RESOLVED and task.handlings[-1] is one:
             return Ending.RESOLVED
-        return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
+        return Ending.COPED if run_continued_after(self.run, one) else Ending.FAILED
 
-    def _wait(self, who: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING) -> Bar:
+    def _wait_bar(
+        self, name_of_waiter: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING
+    ) -> Bar:
         bar = self._bar(kind, name, wait.start, wait.end)
-        bar.title = partial(titles.waits, self.run, who, wait)
+        bar.title = partial(titles.waits, self.run, name_of_waiter, wait)
         return bar
 
-    def _awaited(self, module: str, wait: HandlerWait) -> Bar:
+    def _awaited_bar(self, module: str, wait: HandlerWait) -> Bar:
         name = titles.awaited_name(self.run, wait)
-        bar = self._wait(module, name, wait, BarKind.AWAITED)
-        bar.waits = [self._wait(module, name, wait)]
+        bar = self._wait_bar(module, name, wait, BarKind.AWAITED)
+        bar.waits = [self._wait_bar(module, name, wait)]
         return bar
 
-    def _queued(self, one: Queueing) -> Bar:
+    def _queued_bar(self, one: Queueing) -> Bar:
         number = one.message_id
         bar = self._bar(BarKind.QUEUED, self.run.name(number), one.start, one.end, number)
         bar.title = partial(titles.queued, self.run, one)
         bar.marks = self._marks(number, bar)
         return bar
 
-    def _claimed(self, claim: Claim) -> Bar:
+    def _claim_bar(self, claim: Claim) -> Bar:
         kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
         start = claim.start if claim.granted is None else claim.granted
         bar = self._bar(kind, claim.sender, start, claim.end)
@@ -188,28 +196,30 @@ class _Filler:
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:
-        """The failures raised on a task and the requests of its clients, in a bar of it or after
-        the last one.
+        """Return the marks of a task's bar: failures raised on it, and requests of its clients.
+
+        The last bar of a task has all later marks, too.
         """
         run, task = self.run, self.run.tasks.get(number)
         failures = run.raised.get(number, ())
         if task is None or not (failures or task.life):
             return []
         marks = []
-        for one in failures:
-            ending = Ending.COPED if went_on(run, task, one.time) else Ending.FAILED
-            marks.append(Mark(one.time, ending, titles.raised(run, task, one)))
-        changes = (one for one in task.life if one.effect is not Effect.RESULT)
+        for failure in failures:
+            ending = Ending.COPED if run_continued(run, task, failure.time) else Ending.FAILED
+            marks.append(Mark(failure.time, ending, titles.raised(run, task, failure)))
+        changes = (change for change in task.life if change.effect is not Effect.RESULT)
         marks += [Mark(one.time, Ending.NONE, titles.changed(task, one)) for one in changes]
-        starts = [one.start for one in (*task.handlings, *task.queueings)]
+        starts = [span.start for span in (*task.handlings, *task.queueings)]
         after = min((start for start in starts if start > bar.start), default=inf)
-        return [one for one in marks if bar.start <= one.time < after]
+        return [mark for mark in marks if bar.start <= mark.time < after]
 
-    # --- what is kept from going on ---------------------------------------------------------------
+    # --- held and suspended tasks -----------------------------------------------------------------
 
-    def _add_kept(self, task: Task) -> None:
-        """The spans in which a task was held, where it was or would be handled, or suspended, in a
-        row of their own.
+    def _add_held(self, task: Task) -> None:
+        """Add the spans in which a task was held or suspended.
+
+        A held task is in the row of its handler, a suspended one in the row of suspended tasks.
         """
         wanted = [TaskState.SUSPENDED]
         if task.id in self.pick.held:
@@ -218,22 +228,22 @@ class _Filler:
         if not spans or not self.pick.message(task.id):
             return
         for start, end, state in spans:
-            module, resource = _home(self.run, task, start, end)
+            module, resource = _place_of(self.run, task, start, end)
             if not self.pick.row(module):
                 continue
             if state is TaskState.SUSPENDED:
-                bar = self._kept(BarKind.SUSPENDED, task, start, end)
-                bar.title = partial(titles.suspended, self.run, task, start, bar.until)
+                bar = self._task_bar(BarKind.SUSPENDED, task, start, end)
+                bar.title = partial(titles.suspended, self.run, task, start, bar.ended_at)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
-                self._row(module, resource).held += self._held(task, start, end)
+                self._row(module, resource).held += self._held_bars(task, start, end)
 
-    def _kept(self, kind: BarKind, task: Task, start: float, end: float) -> Bar:
+    def _task_bar(self, kind: BarKind, task: Task, start: float, end: float) -> Bar:
         return self._bar(kind, task.name, start, None if end == inf else end, task.id)
 
-    def _held(self, task: Task, start: float, end: float) -> list[Bar]:
-        """A bar for each cause, one after the other in a lane."""
-        waits = [wait for wait in told_waits(self.run, task) if start <= wait.start < end]
+    def _held_bars(self, task: Task, start: float, end: float) -> list[Bar]:
+        """Return a bar for each combination of causes, one after the other in a lane."""
+        waits = [wait for wait in waits_for_display(self.run, task) if start <= wait.start < end]
         starts, ends = (
             (wait.start for wait in waits),
             (wait.end for wait in waits if wait.end < end),
@@ -243,29 +253,30 @@ class _Filler:
         for since, until in pairwise([*stops, end]):
             if since > self.end or until < self.start:
                 continue
-            some = [wait for wait in waits if wait.start <= since < wait.end]
-            bar = self._kept(BarKind.HELD, task, since, until)
-            bar.title = partial(titles.held, self.run, task, since, bar.until, some)
-            who = "" if bars else f"{task}: "
-            bar.why = partial(titles.why_held, self.run, who, since, some)
-            bar.follows = bars[0] if bars else None
+            current = [wait for wait in waits if wait.start <= since < wait.end]
+            bar = self._task_bar(BarKind.HELD, task, since, until)
+            bar.title = partial(titles.held, self.run, task, since, bar.ended_at, current)
+            name_of_waiter = "" if bars else f"{task}: "
+            bar.why = partial(titles.why_held, self.run, name_of_waiter, since, current)
+            bar.lane_leader = bars[0] if bars else None
             bars.append(bar)
         return bars
 
 
 def _resources(module: ModuleRecord) -> list[str]:
-    """Its resources; the first shows what the module waits for outside of handlers."""
+    """Return a module's resources. The row of the first shows waits outside of handlers."""
     return sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
 
 
 def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
-    """The waits that took any time: what was there at once is nothing to look at."""
+    """Return the waits that took time; a wait that was over at once is not drawn."""
     return (wait for wait in waits if wait.end is None or wait.end > wait.start)
 
 
-def _home(run: Run, task: Task, start: float, end: float) -> tuple[str, str]:
-    """Where a task was handled or, if it was not, would have been while it was kept, from *start*
-    to *end*.
+def _place_of(run: Run, task: Task, start: float, end: float) -> tuple[str, str]:
+    """Return the module and resource that handled a task.
+
+    For a task without handling, those that would have handled it between *start* and *end*.
     """
     spans: list[Handling | Queueing] = [
         *task.handlings[:1],

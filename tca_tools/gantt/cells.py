@@ -1,4 +1,4 @@
-"""Lines of characters on a time axis: spans as blocks, with names where they have room."""
+"""Lines of characters on a time axis: spans as blocks, with a name if it fits."""
 
 from itertools import groupby
 from operator import itemgetter
@@ -34,26 +34,26 @@ _DRAWN = (
     TaskRole.AHEAD,
     TaskRole.WASTED,
 )
-UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - they look like no letters in a long line
+UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - no letters
 ASCII = dict(zip(_DRAWN, "#|=.--:|x/'_^%", strict=True))
-"""The characters of what is drawn."""
+"""By kind of thing: the character that draws it."""
 _WIDTH = 120
-"""Columns where the width of the terminal is unknown."""
+"""Columns if the width of the terminal is unknown."""
 
 
 def blocks_for(output: Path | None, *, as_ascii: bool = False) -> dict[str, str]:
-    """The characters for a file, or for what standard output can show."""
+    """Return the characters for a file, or those that standard output can show."""
     can_show_all = output is not None or can_show("".join(UNICODE.values()))
     return UNICODE if can_show_all and not as_ascii else ASCII
 
 
 def width_for(output: Path | None) -> int:
-    """Columns of the lines of a file, or of the terminal."""
+    """Return the number of columns of a file's lines, or of the terminal."""
     return _WIDTH if output else line_width() or _WIDTH
 
 
 class Cells:
-    """One line being drawn, from *start* to *end*: a character and a colour for each column."""
+    """A line to draw on, from *start* to *end*: a character and a colour for each column."""
 
     def __init__(self, start: float, end: float, columns: int) -> None:
         self.start, self.end = start, end
@@ -61,38 +61,38 @@ class Cells:
         self.colours: list[str | None] = [None] * columns
 
     def span(self, start: float, end: float) -> tuple[int, int]:
-        """The columns of a span, first and behind the last; at least one, however short it is."""
+        """Return the first column of a span and the one after its last; it has at least one."""
         first = min(self.column(start), len(self.characters) - 1)
         return first, max(first + 1, self.column(end))
 
     def column(self, time: float) -> int:
-        """Where a time stands; at the edge, if it is beyond."""
+        """Return the column of a time; a time outside the line is at its edge."""
         time, length = min(max(time, self.start), self.end), self.end - self.start or 1.0
         return round(len(self.characters) * (time - self.start) / length)
 
     def paint(
         self, start: float, end: float, character: str, name: str, colour: str | None
     ) -> None:
-        """A span of one character, with its name if that has room."""
-        first, behind = self.span(start, end)
-        line = [character] * (behind - first)
+        """Draw a span of one character, with its name if that fits."""
+        first, stop = self.span(start, end)
+        line = [character] * (stop - first)
         write_name(line, name)
-        self.put(first, line, colour)
+        self.place(first, line, colour)
 
-    def put(self, first: int, line: list[str], colour: str | None) -> None:
-        """Characters of one colour."""
+    def place(self, first: int, line: list[str], colour: str | None) -> None:
+        """Write characters of one colour from column *first* on."""
         self.characters[first : first + len(line)] = line
         self.colours[first : first + len(line)] = [colour] * len(line)
 
-    def mark(self, bar: Bar) -> None:
-        """Its marks."""
-        for one in bar.marks:
-            if self.start <= one.time <= self.end:
-                character, colour = MARKS[one.ending]
-                self.put(self.span(one.time, one.time)[0], [character], colour)
+    def add_marks(self, bar: Bar) -> None:
+        """Draw the marks of a bar."""
+        for mark in bar.marks:
+            if self.start <= mark.time <= self.end:
+                character, colour = MARKS[mark.ending]
+                self.place(self.span(mark.time, mark.time)[0], [character], colour)
 
     def line(self) -> str:
-        """The line, with runs of one colour as one."""
+        """Return the line as text, styled by runs of one colour."""
         runs = groupby(zip(self.characters, self.colours, strict=True), key=itemgetter(1))
         pieces = [(colour, "".join(character for character, _ in run)) for colour, run in runs]
         return "".join(
@@ -101,7 +101,7 @@ class Cells:
 
 
 def write_name(line: list[str], *names: str) -> None:
-    """Write the first name that has room there into the bar's longest run of one character."""
+    """Write the first name that fits into the longest run of one character in *line*."""
     start = best = length = 0
     for size in (len(list(run)) for _, run in groupby(line)):
         if size > length:

@@ -1,4 +1,4 @@
-"""The parts of a chart: rows of bars, and all there is to say about each."""
+"""The parts of a chart: rows of bars with their titles and marks."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,16 +14,16 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Outcome
 
 _FEWEST = 8
-"""Columns of a reason."""
+"""The fewest columns in which a reason is shown."""
 
 
 class BarKind(StrEnum):
     """The kinds of bars."""
 
     HANDLED = "handling"
-    AWAITED = "awaited"  # a module waits for it outside of any handler
-    IDLE = "idle"  # an agent has nothing to do
-    WAITING = "waiting"  # a part of a bar: its handler waits
+    AWAITED = "awaited"  # a wait of a module outside of handlers
+    IDLE = "idle"  # an agent has no task
+    WAITING = "waiting"  # the part of a bar in which its handler waits
     QUEUED = "queued"
     SUSPENDED = "suspended"
     HELD = "held"
@@ -32,20 +32,20 @@ class BarKind(StrEnum):
 
 
 class Ending(StrEnum):
-    """How a handler ended, if it was no success; or what became of a failure."""
+    """The outcome of a handler that did not succeed, or of a failure."""
 
     NONE = ""
     FAILED = "failed"
-    COPED = "coped"  # it failed, and the run went on
+    COPED = "coped"  # it failed, and the run continued
     RESOLVED = "resolved"  # it failed, and its task is done after that
-    KILLED = "killed"  # its handler was at work when it was killed
+    KILLED = "killed"  # its task was killed while the handler ran
 
 
 CONNECTED, CURVE = "connected", "curve"
 MARKED = {Ending.FAILED: "mark-failed", Ending.COPED: "mark-coped", Ending.NONE: "mark-request"}
-"""The names of marks."""
+"""The style names of marks."""
 FLAGGED = (Ending.FAILED, Ending.COPED, Ending.RESOLVED)
-"""What has a flag, the worst first."""
+"""The endings that have a flag, the worst first."""
 MEANINGS: dict[str, str] = {
     BarKind.HANDLED: "handling",
     BarKind.WAITING: "waiting for a reply, task or lock",
@@ -56,7 +56,7 @@ MEANINGS: dict[str, str] = {
     BarKind.RESERVED: "reserved",
     CONNECTED: "connected",
     TaskRole.AHEAD: "ahead of its state",
-    TaskRole.WASTED: "ahead, and wasted",
+    TaskRole.WASTED: "ahead, but wasted",
     Ending.FAILED: "failed",
     Ending.COPED: "failed, and handled",
     Ending.RESOLVED: str(Outcome.RESOLVED),
@@ -64,21 +64,17 @@ MEANINGS: dict[str, str] = {
     "mark-failed": "failure raised beside the handler",
     "mark-coped": "failure raised beside the handler, and handled",
     "mark-request": "request of a client, or its answer",
-    CURVE: "how many are queued or suspended",
-    "flag-failed": "here something failed",
-    "flag-coped": "here something failed, and was handled",
-    "flag-resolved": f"here something failed, and is {Outcome.RESOLVED}",
+    CURVE: "number queued or suspended",
+    "flag-failed": "a failure at this time",
+    "flag-coped": "a failure at this time, handled",
+    "flag-resolved": f"a failure at this time, task {Outcome.RESOLVED}",
 }
-"""The legend of a chart: what is to be seen in it, by the name of its look (see ``chart.css``), and
-what that means.
-"""
+"""The legend of a chart: by style name (see ``chart.css``), the meaning."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A moment in a bar: a failure that was raised beside the handler, or a request of a client, or
-    its answer.
-    """
+    """A moment in a bar: a failure raised beside the handler, or a client's request or answer."""
 
     time: float
     ending: Ending
@@ -87,100 +83,101 @@ class Mark:
 
 @dataclass(slots=True)
 class Bar:
-    """A span of time in a row; of a lock or reservation the name is its owner's."""
+    """A span of time in a row. The bar of a lock or reservation has its holder's name."""
 
     name: str
     start: float
     end: float
     title: Callable[[], str] = str
-    """Tells all there is to say about it."""
+    """Returns its full description, which a picture shows under the mouse pointer."""
     kind: BarKind = BarKind.HANDLED
     is_open: bool = False
-    """Whether it went on when the journal ended."""
-    is_beside: bool = False
-    """Whether it is not what was asked for, but what that waited for."""
+    """Whether it had not ended when the journal ended."""
+    is_context: bool = False
+    """Whether it was not selected itself, but a selected task waited for it; drawn paler."""
     ending: Ending = Ending.NONE
     waits: "Sequence[Bar]" = ()
     marks: Sequence[Mark] = ()
     why: Callable[[], str] | None = None
-    """Of what is held: what that waits for. It stands on the bar if some of it has room."""
-    follows: "Bar | None" = None
-    """Of what is held by one thing after the other: the first bar, in whose lane it is."""
+    """For a held task: returns what it waits for, a text on the bar if there is room."""
+    lane_leader: "Bar | None" = None
+    """For a later bar of a held task: the first bar, whose lane it shares."""
     lane: int = 0
-    """Bars of one lane do not overlap."""
-    ahead_until: float = -inf
-    """Of a task of a coordinator: until when it ran ahead of its state."""
+    """The number of its lane; bars of one lane do not overlap."""
+    early_until: float = -inf
+    """For early work of a coordinator: the time at which its state was entered."""
     is_wasted: bool = False
-    """Whether that was for nothing."""
-    brief: str = ""
-    """A label where the name has no room."""
+    """Whether early work was wasted."""
+    short_label: str = ""
+    """The label if the name does not fit."""
     parts: "Sequence[Bar]" = ()
-    """The bars for which it stands, if they are too narrow to be drawn one by one."""
+    """For a block: the bars that it combines."""
 
     @property
     def ahead(self) -> tuple[float, float] | None:
-        """The part that ran ahead of its state."""
-        if self.ahead_until <= self.start:
+        """The span of early work; None without any."""
+        if self.early_until <= self.start:
             return None
-        return self.start, min(self.end, self.ahead_until)
+        return self.start, min(self.end, self.early_until)
 
     @property
     def preview(self) -> TaskRole:
-        """How that part looks."""
+        """The style of the span of early work."""
         return TaskRole.WASTED if self.is_wasted else TaskRole.AHEAD
 
     @property
     def seconds(self) -> float:
-        """How long it is; of several bars, how long those are together."""
+        """Its length in seconds; for a block, the sum of its bars."""
         if self.parts:
             return sum(part.seconds for part in self.parts)
         return self.end - self.start
 
     @property
-    def until(self) -> float | None:
-        """When it ended; None if it went on when the journal ended."""
+    def ended_at(self) -> float | None:
+        """The time of its end; None if it had not ended when the journal ended."""
         return None if self.is_open else self.end
 
     @property
     def is_waiting(self) -> bool:
-        """Whether its handler mostly waited: it looks so where there is no room for more."""
+        """Whether its handler waited for most of the time, so that a narrow bar looks paler."""
         return 2 * sum(wait.seconds for wait in self.waits) > self.seconds
 
-    def words(self, columns: int) -> str:
-        """Why it is held, in so many columns; "" if that are too few to say anything."""
+    def reason(self, columns: int) -> str:
+        """Return why the task is held, in at most *columns* columns; "" if they are too few."""
         if self.why is None or columns < _FEWEST:
             return ""
         return cut(printable(self.why()), columns)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The labels that may stand on it, the best first: ``waits for walk``, ``walk``."""
+        """The possible labels, the best first: ``waits for walk``, ``walk``."""
         if self.kind is BarKind.AWAITED:
             return f"waits for {self.name}", self.name
-        return tuple(filter(None, (self.name, self.brief)))
+        return tuple(filter(None, (self.name, self.short_label)))
 
 
 @dataclass(slots=True)
 class ResourceRow:
-    """One resource or agent, or what is no module's."""
+    """The row of a resource or agent, or of messages without a module."""
 
     label: str
     connected: list[Span] = field(default_factory=list)
-    """When its module was."""
+    """The spans in which its module was connected."""
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
-    """Messages that wait for the resource, or are suspended."""
+    """Messages that wait for the resource, or suspended tasks."""
     held: list[Bar] = field(default_factory=list)
-    """Tasks that constraints hold, and that would be handled there."""
+    """Tasks for this resource that constraints hold."""
     claims: list[Bar] = field(default_factory=list)
     """Its locks and reservations."""
     is_offered: bool = False
-    """Whether its module offers to handle something."""
-    is_nobodys: bool = False
+    """Whether its module has a handler."""
+    is_without_module: bool = False
+    """Whether it is the row of suspended tasks, or of messages without a handler."""
 
     @property
     def lanes(self) -> int:
-        """How many lanes the handled bars need."""
+        """The number of lanes that the handled bars need."""
         return lanes_of(self.handled) or bool(self.connected or self.claims)
 
     @property
@@ -190,16 +187,16 @@ class ResourceRow:
 
     @property
     def is_idle(self) -> bool:
-        """Whether its module was there, and nothing else happened in it."""
+        """Whether its module was connected, and the row has no bars."""
         return bool(self.connected) and not any(self.bars)
 
     @property
     def bars(self) -> Iterator[Bar]:
-        """All its bars but locks and reservations."""
+        """All its bars except locks and reservations."""
         return chain(self.handled, self.queued, self.held)
 
     def lay_out(self, start: float, end: float) -> None:
-        """Keep the bars that show between two times, and give them lanes."""
+        """Remove the bars outside of the times, and assign lanes to the others."""
         self.handled, self.queued, self.held = (
             _in_lanes([bar for bar in bars if bar.start <= end and bar.end >= start])
             for bars in (self.handled, self.queued, self.held)
@@ -214,26 +211,27 @@ class Chart:
     end: float
     rows: list[ResourceRow]
     names: list[str]
-    """Messages in the order in which they were first sent, whatever the span: a name's place tells
-    its colour.
+    """All messages of the run, in the order in which they were first sent.
+
+    The place of a name determines its colour, so that the colours do not depend on the span.
     """
     title: str = ""
     notes: Sequence[str] = ()
-    """What stands below the rows."""
+    """Lines of text below the rows."""
 
     def shows(self, start: float, end: float | None = None) -> bool:
-        """Whether some of a span is in sight, or a moment."""
+        """Whether a moment, or a part of a span, lies in the chart."""
         return start <= self.end and (start if end is None else end) >= self.start
 
     def bars(self) -> Iterator[Bar]:
-        """All bars but locks and reservations."""
+        """Return all bars except locks and reservations."""
         return chain.from_iterable(row.bars for row in self.rows)
 
     def seen(self) -> set[str]:
-        """The keys of ``MEANINGS`` that the legend has to explain."""
+        """Return the keys of ``MEANINGS`` that the legend must explain."""
         seen: set[str] = {CONNECTED for row in self.rows if row.is_idle}
-        claims = [one for row in self.rows for one in row.claims]
-        seen |= {one.kind for one in claims if self.shows(one.start, one.end)}
+        claims = [claim for row in self.rows for claim in row.claims]
+        seen |= {claim.kind for claim in claims if self.shows(claim.start, claim.end)}
         for bar in self.bars():
             seen |= {bar.kind, bar.ending}
             seen |= {MARKED[mark.ending] for mark in bar.marks if self.shows(mark.time)}
@@ -243,19 +241,19 @@ class Chart:
 
 
 def _in_lanes(bars: list[Bar]) -> list[Bar]:
-    """The bars in the order of their starts, with their lanes: one for all that follow one bar."""
+    """Sort bars by their starts, and assign lanes; bars with a leader get the leader's lane."""
     ordered = sorted(bars, key=attrgetter("start"))
-    ends = {id(bar.follows): bar.end for bar in ordered if bar.follows}
-    first = [bar for bar in ordered if not bar.follows]
+    ends = {id(bar.lane_leader): bar.end for bar in ordered if bar.lane_leader}
+    first = [bar for bar in ordered if not bar.lane_leader]
     spans = ((bar.start, ends.get(id(bar), bar.end)) for bar in first)
     for bar, lane in zip(first, lanes(spans), strict=True):
         bar.lane = lane
     for bar in ordered:
-        if bar.follows:
-            bar.lane = bar.follows.lane
+        if bar.lane_leader:
+            bar.lane = bar.lane_leader.lane
     return ordered
 
 
 def lanes_of(bars: list[Bar]) -> int:
-    """How many lanes some bars need."""
+    """Return the number of lanes that bars need."""
     return max((bar.lane + 1 for bar in bars), default=0)

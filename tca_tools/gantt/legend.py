@@ -11,14 +11,14 @@ from tca_tools.terminal import cut
 from tca_wire.text.printable import printable
 
 HATCHINGS = Path(__file__).with_name("legend.svg").read_text()
-"""The hatchings of squares of the legend, and of what was wasted."""
+"""The hatchings of the legend's squares, and of wasted work."""
 _LINE = 24.0
 _MOST_NAMES = 40
-"""A robot has so many messages at most whose colours can be told apart."""
+"""The most messages in the legend; more colours could not be distinguished."""
 
 
 def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
-    """The squares of the legend (attributes of a ``<rect>``), and what each means."""
+    """Return the squares of the legend (attributes of a ``<rect>``) with their meanings."""
     seen, curves = chart.seen(), {id(row) for row in chart.rows if is_curve(row, scale)}
     hatched = {bar.kind for row in chart.rows for bar in row.queued if id(row) not in curves}
     seen -= {CONNECTED, *({BarKind.QUEUED, BarKind.SUSPENDED} - hatched)}
@@ -37,9 +37,7 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
 
 
 def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
-    """Squares with their meanings, in as many lines as they need; and where what follows may
-    begin.
-    """
+    """Return the shapes of a legend, in as many lines as needed, and the y below them."""
     lines: list[str] = []
     x, y = MARGIN, top
     for look, words in items:
@@ -53,16 +51,15 @@ def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list
 
 
 def patterns(chart: Chart) -> str:
-    """The hatchings of messages: of what queues, leaning to one side, and of what is suspended, to
-    the other.
-    """
-    made = []
+    """Return the hatchings of messages: queued ones lean to one side, suspended to the other."""
+    patterns = []
     numbers = {name: number for number, name in enumerate(chart.names)}
     for name, kind in sorted({(bar.name, bar.kind) for row in chart.rows for bar in row.queued}):
         angle, gap = (45, 5) if kind is BarKind.QUEUED else (-45, 9)
-        made.append(
-            f'<pattern id="{kind}{numbers[name]}" width="{gap}" height="5" patternUnits="userSpaceOnUse" '
-            f'data-lean="rotate({angle})" patternTransform="rotate({angle})"><rect width="{gap}" height="5" '
-            f'fill="#ffffff"/><rect width="2" height="5" fill="{dark(numbers[name])}"/></pattern>'
+        patterns.append(
+            f'<pattern id="{kind}{numbers[name]}" width="{gap}" height="5" '
+            f'patternUnits="userSpaceOnUse" data-lean="rotate({angle})" '
+            f'patternTransform="rotate({angle})"><rect width="{gap}" height="5" fill="#ffffff"/>'
+            f'<rect width="2" height="5" fill="{dark(numbers[name])}"/></pattern>'
         )
-    return f"<defs>{''.join(made)}</defs>"
+    return f"<defs>{''.join(patterns)}</defs>"

@@ -1,4 +1,4 @@
-"""How a chart looks: a colour for each message, sizes and styles."""
+"""The look of a chart: a colour for each message, sizes and styles."""
 
 import colorsys
 from pathlib import Path
@@ -10,16 +10,14 @@ from tca_wire.text.printable import printable
 
 MARGIN = 24.0
 CHARACTER = 6.5
-"""Mean width of a character of the labels; a guess that must not be too small."""
+"""The mean width of a character in a label, in pixels: an upper estimate."""
 LONGEST_LABEL = 40
 _WIDEST = 1.2
-"""How much wider than usual letters are where a machine has none of the fonts that are asked
-for.
-"""
+"""The factor by which letters may be wider if a machine lacks all the fonts of the style."""
 OWN_STYLE = Path(__file__).with_name("chart.css").read_text()
 STYLE = svg.STYLE + OWN_STYLE
 
-_DARK = (  # none is red: that means a failure
+_DARK = (  # without red, which means a failure
     "#1f6fb2",
     "#c9601d",
     "#2a8a55",
@@ -38,7 +36,7 @@ _TINT = 0.68
 
 
 def dark(number: int) -> str:
-    """The colour of the *number*-th name; white text can be read on it."""
+    """Return the colour of name *number*, dark enough for white text."""
     if number < len(_DARK):
         return _DARK[number]
     red, green, blue = colorsys.hls_to_rgb(
@@ -48,16 +46,16 @@ def dark(number: int) -> str:
 
 
 def light(number: int) -> str:
-    """The dark colour, mixed with white."""
+    """Return the dark colour of name *number*, mixed with white."""
     channels = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
     return "#" + "".join(f"{round(channel + (255 - channel) * _TINT):02x}" for channel in channels)
 
 
 def row_label(row: ResourceRow) -> str:
-    """The row's name as it is shown."""
+    """Return the row's name as it is shown."""
     return cut(printable(row.label), LONGEST_LABEL)
 
 
 def label_room(row: ResourceRow) -> float:
-    """How many pixels its name needs at most: nothing scrolls to what is cut off there."""
+    """Return the most pixels that a row's name may need; labels do not scroll."""
     return svg.width_of(row_label(row)) * _WIDEST

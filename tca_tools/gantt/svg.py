@@ -1,5 +1,6 @@
-"""A chart as an SVG picture or page: dark bars where a handler runs, light where it waits, hatched
-where it queues.
+"""A chart as an SVG picture or page: a bar is dark while a handler runs, light while it waits.
+
+Queued messages are hatched.
 """
 
 from collections.abc import Iterator
@@ -17,37 +18,36 @@ from tca_tools.gantt.rows import Painter
 
 _NARROWEST, _WIDEST = 1100.0, 1700.0
 _USUAL_BAR = 8.0
-"""The chart is made wide enough for half of the bars to be that wide, within the limits above."""
+"""Within the limits above, the chart is so wide that half of the bars have at least this width."""
 _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
 _MOST_SHAPES = {1: inf, 4: 80_000, 16: 20_000}
-"""A page can be zoomed: what only shows when it is so many times wider is in it from the beginning,
-unless it has more bars than that: it must not be too large for a browser.
+"""By zoom of a page: the most bars. A page contains the details of each zoom from the beginning.
+
+With more bars it leaves out the details of that zoom, which would make it too large for a browser.
 """
 _WINDOW = 1200.0
 """A width that most windows have."""
 _PAGE = 1000.0
-"""Pixels: of a page's plot that it is made wider from; what has room there has it in most
-windows.
-"""
+"""Pixels: the width of a page's plot before zooming. Words that fit in it fit in most windows."""
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """A chart in pieces, for whoever puts them together."""
+    """The pieces of a chart, which a picture, page or report puts together."""
 
     meanings: list[tuple[str, str]]
-    """The squares of its legend, and what each means."""
+    """The squares of its legend, with their meanings."""
     labels: str
     label_width: float
     plot: str
     plot_width: float
     height: float
-    """Of labels and plot, which stand side by side."""
+    """The height of labels and plot, which stand side by side."""
 
 
 def svg_text(chart: Chart, title: str) -> str:
-    """The whole picture, as a document of its own."""
+    """Return the chart as an SVG document."""
     pieces = pieces_of(chart)
     left = MARGIN + pieces.label_width
     width = left + pieces.plot_width + MARGIN
@@ -61,7 +61,7 @@ def svg_text(chart: Chart, title: str) -> str:
 
 
 def page_text(chart: Chart, title: str) -> str:
-    """The chart as a page that can be zoomed."""
+    """Return the chart as an HTML page that can be zoomed."""
     pieces = pieces_of(chart, can_zoom=True, widest=_PAGE)
     head, top = _head(pieces, title, _WINDOW)
     shifted = f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>'
@@ -79,15 +79,19 @@ def _svg(width: float, height: float, inner: str) -> str:
 
 
 def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
-    """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than
-    *widest* (pixels).
+    """Return the pieces of a chart.
+
+    Args:
+        chart: The chart.
+        can_zoom: Whether to include the details that show only when the plot is zoomed.
+        widest: The greatest width of the plot in pixels.
     """
     width = min(_plot_width(chart), widest)
     label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
-    bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
-    depths = tuple(_MOST_SHAPES)[: None if can_zoom else 1]
-    fine = [depth for depth in depths if bars_at_all <= _MOST_SHAPES[depth]]
-    scale = Scale(width, chart.start, chart.end, tuple(fine))
+    bar_count = sum(len(row.handled) + len(row.queued) for row in chart.rows)
+    zooms = tuple(_MOST_SHAPES)[: None if can_zoom else 1]
+    possible = [zoom for zoom in zooms if bar_count <= _MOST_SHAPES[zoom]]
+    scale = Scale(width, chart.start, chart.end, tuple(possible))
     painter = Painter(chart, scale)
     labels: list[str] = []
     bands: list[str] = []
@@ -98,7 +102,7 @@ def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) 
         bands += painter.band(row, bottom)
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
-    grid = _grid(scale, bottom, depths)
+    grid = _grid(scale, bottom, zooms)
     plot = "\n".join([patterns(chart), *bands, *grid, *bars])
     return Pieces(meanings(chart, scale), "\n".join(labels), label_width, plot, width, bottom)
 
@@ -113,24 +117,26 @@ def _plot_width(chart: Chart) -> float:
 
 
 def _head(pieces: Pieces, title: str, width: float) -> tuple[list[str], float]:
-    """Title and legend, and how high they are."""
+    """Return the title and the legend, and the y below them."""
     squares, height = legend(pieces.meanings, width, MARGIN + _TITLE)
     return [HATCHINGS, words("title", MARGIN, MARGIN + 6, title), *squares], height
 
 
-def _grid(scale: Scale, bottom: float, depths: tuple[int, ...]) -> Iterator[str]:
+def _grid(scale: Scale, bottom: float, zooms: tuple[int, ...]) -> Iterator[str]:
     drawn: set[str] = set()
-    for depth in depths:
-        for time, label in ticks(scale.start, scale.end, int(scale.width * depth / _TICK_DISTANCE)):
+    for zoom in zooms:
+        for time, label in ticks(scale.start, scale.end, int(scale.width * zoom / _TICK_DISTANCE)):
             if f"{time:.9g}" in drawn:
-                continue  # a coarser one stands there
+                continue  # the grid of a smaller zoom has it
             drawn.add(f"{time:.9g}")
-            x, kind = scale.x(time), "" if depth == 1 else f" z{depth}"
+            x, kind = scale.x(time), "" if zoom == 1 else f" z{zoom}"
             yield line(f"grid{kind}", x, 18, x, bottom - 6)
             yield words(f"faint tick{kind}{_side(label, x, scale)}", x, 13, label)
 
 
 def _side(label: str, x: float, scale: Scale) -> str:
-    """Where a label stands that would be cut at the edge, also of a plot that is made narrower."""
+    """Return the style of a label that the edge of the plot would cut, even if it is zoomed."""
     room = width_of(label)
-    return " after" if x < room else " before" if x > scale.width - room else ""
+    if x < room:
+        return " after"
+    return " before" if x > scale.width - room else ""

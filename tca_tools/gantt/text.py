@@ -1,4 +1,4 @@
-"""A chart as text: blocks on a time axis, with names where they have room."""
+"""A chart as text: blocks on a time axis, with names if they fit."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import cycle
@@ -22,12 +22,12 @@ from tca_wire.text.printable import printable
 _WIDEST_LABEL = 32
 _MOST_LANES = 8
 _MOST_QUEUE_LANES = 4
-"""Of a longer queue only the length is shown."""
+"""The most lanes of a queue; of a longer one only the length is shown."""
 _COLOURS = "blue yellow green magenta cyan bright_blue bright_magenta bright_green bright_cyan"
 
 
 def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> Iterator[str]:
-    """The chart, line by line, in *width* columns."""
+    """Yield the lines of a chart, in *width* columns."""
     page = TextPage([chart], width, blocks)
     columns = page.columns
     yield from page.lines("", page.axis(ticks(chart.start, chart.end, max(columns // 12, 1))))
@@ -38,7 +38,7 @@ def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> I
 
 
 class TextPage:
-    """Lines on one axis of time: labels at the left, beside them what was when."""
+    """Lines on one time axis: a label at the left, and beside it the spans."""
 
     def __init__(self, charts: list[Chart], width: int, blocks: dict[str, str]) -> None:
         self._width, self._blocks = width, blocks
@@ -49,29 +49,29 @@ class TextPage:
         self.columns = max(width - self._label_width - 2, 1)
         self._colours: dict[str, str] = {}
 
-    def lines(self, label: str, some: Iterable[Cells]) -> Iterator[str]:
-        """Whole lines; the label stands before the first."""
-        for cells in some:
+    def lines(self, label: str, lines: Iterable[Cells]) -> Iterator[str]:
+        """Yield whole lines; the first begins with the label."""
+        for cells in lines:
             yield f"{padded(label, self._label_width)}  {cells.line()}".rstrip()
             label = ""
 
     def axis(self, marks: Iterable[tuple[float, str]], *, is_below: bool = False) -> list[Cells]:
-        """Words at their times, where they have room, and strokes."""
-        words, strokes = self._cells(), self._cells()
-        taken = -1
+        """Return the lines of an axis: labels at their times, if they fit, and ticks."""
+        labels, strokes = self._cells(), self._cells()
+        occupied = -1
         for time, label in marks:
-            at = min(words.column(time), self.columns - 1)
+            at = min(labels.column(time), self.columns - 1)
             first = min(at, self.columns - len(label)) if is_below else at
-            has_room = taken < first <= self.columns - len(label)
+            has_room = occupied < first <= self.columns - len(label)
             if has_room:
-                words.put(first, list(label), None)
-                taken = first + len(label)
+                labels.place(first, list(label), None)
+                occupied = first + len(label)
             if has_room or is_below:
-                strokes.put(at, [self._blocks[TICK]], None)
-        return [strokes, words] if is_below else [words, strokes]
+                strokes.place(at, [self._blocks[TICK]], None)
+        return [strokes, labels] if is_below else [labels, strokes]
 
     def legend(self, meanings: Mapping[str, str]) -> Iterator[str]:
-        """The meanings of the characters, in lines that fit the page."""
+        """Yield the meanings of the characters, in lines that fit the page."""
         looks = {kind: character * 2 for kind, character in self._blocks.items()}
         looks |= {
             ending: self._blocks[BarKind.HANDLED] + mark for ending, (mark, _) in FAILURES.items()
@@ -88,7 +88,7 @@ class TextPage:
         yield line
 
     def rows(self, chart: Chart) -> Iterator[str]:
-        """The rows of a chart."""
+        """Yield the lines of a chart's rows."""
         self._colours = dict(zip(chart.names, cycle(_COLOURS.split()), strict=False))
         for row in chart.rows:
             cells = self._handled(row, chart) + self._queued(row) + self._held(row)
@@ -108,7 +108,7 @@ class TextPage:
 
     def _queued(self, row: ResourceRow) -> list[Cells]:
         lanes = [self._cells() for _ in range(lanes_of(row.queued))]
-        if len(lanes) > _MOST_QUEUE_LANES:  # how many wait, as numbers where they change
+        if len(lanes) > _MOST_QUEUE_LANES:  # its length, as numbers at the changes
             block = self._blocks[row.queued[0].kind]
             column = (self._end - self._start or 1.0) / self.columns
             for start, end, number in queue_lengths(row.queued, self._start, column):
@@ -117,57 +117,54 @@ class TextPage:
         for bar in row.queued:
             cells, block = lanes[bar.lane], self._blocks[bar.kind]
             cells.paint(bar.start, bar.end, block, bar.name, self._colours[bar.name])
-            cells.mark(bar)
+            cells.add_marks(bar)
         return lanes
 
     def _held(self, row: ResourceRow) -> list[Cells]:
-        """The held tasks, with what each waits for."""
+        """Return the lines of held tasks, with what each waits for."""
         more = lanes_of(row.held) - _MOST_QUEUE_LANES
         lanes = [self._cells() for _ in range(min(lanes_of(row.held), _MOST_QUEUE_LANES + 1))]
         for bar in row.held:
             if bar.lane < _MOST_QUEUE_LANES:
                 cells = lanes[bar.lane]
-                first, behind = cells.span(bar.start, bar.end)
-                words, colour = bar.words(behind - first - 4), self._colours[bar.name]
+                first, stop = cells.span(bar.start, bar.end)
+                words, colour = bar.reason(stop - first - 4), self._colours[bar.name]
                 cells.paint(bar.start, bar.end, self._blocks[BarKind.HELD], words, colour)
-                if bar.follows is not None:
+                if bar.lane_leader is not None:
                     cells.characters[first] = self._blocks[NEXT_CAUSE]
         if more > 0:
-            lanes[-1].put(0, list(cut(f"and up to {more} more are held", self.columns)), None)
+            lanes[-1].place(0, list(cut(f"and up to {more} more are held", self.columns)), None)
         return lanes
 
     def _claims(self, row: ResourceRow, chart: Chart) -> list[Cells]:
-        cells, claims = (
-            self._cells(),
-            [one for one in row.claims if chart.shows(one.start, one.end)],
-        )
-        for one in claims:
-            cells.paint(one.start, one.end, self._blocks[one.kind], f"by {one.name}", "red")
+        cells = self._cells()
+        claims = [claim for claim in row.claims if chart.shows(claim.start, claim.end)]
+        for claim in claims:
+            character = self._blocks[claim.kind]
+            cells.paint(claim.start, claim.end, character, f"by {claim.name}", "red")
         return [cells] * bool(claims)
 
     def _paint(self, cells: Cells, bar: Bar) -> None:
-        """A bar, with its parts and its end."""
+        """Draw a bar with its waits, its ending and its marks."""
         blocks, colour = self._blocks, self._colours.get(bar.name, "blue" if bar.ahead else None)
         if bar.kind is BarKind.IDLE:
             cells.paint(bar.start, bar.end, blocks[bar.kind], bar.name, "bright_black")
             return
-        first, behind = cells.span(bar.start, bar.end)
-        line = [blocks[BarKind.HANDLED]] * (behind - first)
+        first, stop = cells.span(bar.start, bar.end)
+        line = [blocks[BarKind.HANDLED]] * (stop - first)
         if bar.ahead:
             count = max(min(cells.column(bar.ahead[1]) - first, len(line)), 1)
             line[:count] = [blocks[bar.preview]] * count
         if len(line) == 1 and bar.is_waiting:
             line[0] = blocks[BarKind.WAITING]
         elif len(line) > 1 and not bar.is_open and bar.end <= cells.end:
-            line[-1] = blocks[END]  # a hair's breadth to the next bar
+            line[-1] = blocks[END]  # a gap before the next bar
         for wait in bar.waits:
-            start, end = (
-                cells.column(wait.start) - first,
-                min(cells.column(wait.end) - first, len(line)),
-            )
+            start = cells.column(wait.start) - first
+            end = min(cells.column(wait.end) - first, len(line))
             line[max(start, 0) : max(end, 0)] = [blocks[BarKind.WAITING]] * (end - max(start, 0))
         write_name(line, *bar.labels)
         if bar.ending in FAILURES:
             line[-1], colour = FAILURES[bar.ending]
-        cells.put(first, line, colour)
-        cells.mark(bar)
+        cells.place(first, line, colour)
+        cells.add_marks(bar)

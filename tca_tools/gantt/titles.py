@@ -1,9 +1,9 @@
-"""The titles of bars: which message, where, when, for how long. Pure."""
+"""The titles of bars: the message, its place, its time and its duration."""
 
 from tca_tools.explain.wait_words import told
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import failing, told_to
+from tca_tools.journal.fates import describe_asker, failing
 from tca_tools.journal.records import (
     Claim,
     Failure,
@@ -25,28 +25,30 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitKind
 
 _LONGEST_DATA = 80
-"""Columns of data that stand for words."""
+"""The most columns of data in a title."""
 
 
 def handled(run: Run, handling: Handling) -> str:
-    """``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
+    """Return ``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
     where = place(handling.module, handling.resource)
     task = run.tasks.get(handling.message_id)
     preview = RunAt(run).tasks[task.id].preview if task is not None else ""
     ahead = f" ({preview})" if preview else ""
-    title = f"{described(run, handling)}{ahead} handled by {where} {_span(run, handling.start, handling.end)}"
+    span = _span(run, handling.start, handling.end)
+    title = f"{described(run, handling)}{ahead} handled by {where} {span}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
         title += _with_what(run, handling)
-        told = told_to(run, failing(run, handling), handling.end or run.time)
-        title += f", {told}" if told else ""
+        notice = describe_asker(run, failing(run, handling), handling.end or run.time)
+        title += f", {notice}" if notice else ""
     return title
 
 
 def _with_what(run: Run, handling: Handling) -> str:
-    """The failure of one handler: ``: terrain collision: leg 4 met rock``; of copies each may have
-    another one.
+    """Return the failure of a handler: ``: terrain collision: leg 4 met rock``.
+
+    The copies of a broadcast may fail in different ways, so a failure of one is not shown.
     """
     message = run.messages.get(handling.message_id)
     if message is None or message.message_class.fans_out or handling.end is None:
@@ -56,70 +58,72 @@ def _with_what(run: Run, handling: Handling) -> str:
 
 
 def _words_or_data(failure: Failure, data: bytes) -> str:
-    """A failure in a line; where nothing was said of it, its data: ``blocked {"at": 3}``."""
+    """Return a failure in a line; its data if it has no text: ``blocked {"at": 3}``."""
     if failure.words:
         return first_line(failure)
     return f"{failure} {cut(data_text(data), _LONGEST_DATA)}".rstrip()
 
 
 def raised(run: Run, task: Task, failure: Raised) -> str:
-    """``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
-    told = told_to(run, task, failure.time)
-    what = _words_or_data(failure.failure, task.was("failure_data", failure.time))
-    title = f"{task} failed at {run_time(failure.time)}: {what}{raised_by(failure.by)}"
-    return title + (f", {told}" if told else "")
+    """Return ``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
+    notice = describe_asker(run, task, failure.time)
+    text = _words_or_data(failure.failure, task.was("failure_data", failure.time))
+    title = f"{task} failed at {run_time(failure.time)}: {text}{raised_by(failure.by)}"
+    return title + (f", {notice}" if notice else "")
 
 
 def changed(task: Task, change: LifeChange) -> str:
-    """``grasp {7} at 2.000 s: update by planner, now update requested: {"width": 0.1}``."""
+    """Return ``grasp {7} at 2.000 s: update by planner, now update requested: {"width": 0.1}``."""
     data = cut(data_text(change.body), _LONGEST_DATA)
     return f"{task} at {run_time(change.time)}: {change}" + (f": {data}" if data else "")
 
 
 def waits(run: Run, who: str, wait: HandlerWait) -> str:
-    """``take steps {2} waits for the reply to elevation map {5}, ...``; *who*: a handler's message,
-    or a module.
+    """Return ``take steps {2} waits for the reply to elevation map {5}, ...``.
+
+    The waiter is a handler's message, or a module.
     """
-    told_so = several_in_words(told(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
-    return f"{who} waits {told_so}, {_span(run, wait.start, wait.end)}"
+    words = several_in_words(told(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
+    return f"{who} waits {words}, {_span(run, wait.start, wait.end)}"
 
 
 def queued(run: Run, queueing: Queueing) -> str:
-    """``take steps {2} queued for gait planner from ...``."""
+    """Return ``take steps {2} queued for gait planner from ...``."""
     where = place(queueing.module, queueing.resource) or "a handler"
-    return f"{run.describe(queueing.message_id)} queued for {where} {_span(run, queueing.start, queueing.end)}"
+    span = _span(run, queueing.start, queueing.end)
+    return f"{run.describe(queueing.message_id)} queued for {where} {span}"
 
 
 def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
-    """``take steps {2} suspended by user from ...``."""
-    begun = [one for one in task.suspensions if one.start <= start]
-    there = [one for one in begun if one.end is None or start < one.end]
-    by = by_whom(there[0].by) if there else ""
+    """Return ``take steps {2} suspended by user from ...``."""
+    begun = [span for span in task.suspensions if span.start <= start]
+    current = [span for span in begun if span.end is None or start < span.end]
+    by = by_whom(current[0].by) if current else ""
     return f"{task} suspended{by} {_span(run, start, end)}"
 
 
 def held(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
-    """``take steps {3} held until take steps {2} is achieved, from ...``."""
+    """Return ``take steps {3} held until take steps {2} is achieved, from ...``."""
     why = several_in_words(told(RunAt(run, start), waits))
     return f"{task} held{why and f' {why},'} {_span(run, start, end)}"
 
 
 def why_held(run: Run, who: str, start: float, waits: list[Wait]) -> str:
-    """``take steps {3}: until take steps {2} is achieved``."""
+    """Return ``take steps {3}: until take steps {2} is achieved``."""
     return who + (several_in_words(told(RunAt(run, start), waits)) or "held")
 
 
 def claimed(run: Run, claim: Claim, start: float) -> str:
-    """``controller locked by scanner from ...``."""
+    """Return ``controller locked by scanner from ...``."""
     where = place(claim.module, claim.resource)
-    how = "reserved" if claim.is_reserved else "locked"
+    kind = "reserved" if claim.is_reserved else "locked"
     why = f": {claim.ended}" if claim.ended else ""
-    whose = f" while handling {run.describe(claim.by.message_id)}" if claim.by else ""
-    return f"{where} {how} by {claim.sender}{whose} {_span(run, start, claim.end)}{why}"
+    holder = f" while handling {run.describe(claim.by.message_id)}" if claim.by else ""
+    return f"{where} {kind} by {claim.sender}{holder} {_span(run, start, claim.end)}{why}"
 
 
 def awaited_name(run: Run, wait: HandlerWait) -> str:
-    """The name of what is waited for: of a message, or what kind of claim it is."""
+    """Return the name of the awaited message, or the kind of the awaited claim or event."""
     if not wait.awaited:
         return "handlers to come" if wait.kind is WaitKind.PRESENCE else "changes of tasks"
     if (claim := run.claims.get(wait.awaited)) is None:
@@ -128,7 +132,7 @@ def awaited_name(run: Run, wait: HandlerWait) -> str:
 
 
 def described(run: Run, handling: Handling) -> str:
-    """The message that was handled; of one that was sent directly from whom."""
+    """Return the handled message; for a direct one with its sender."""
     if handling.direct_from:
         return f"{handling.name}, directly from {handling.direct_from},"
     return run.describe(handling.message_id)

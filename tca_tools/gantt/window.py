@@ -1,4 +1,4 @@
-"""Which bars of a run are asked for, and from when until when their chart goes. Pure."""
+"""The selection of a run's bars, and the span of time of their chart."""
 
 from collections.abc import Container
 from dataclasses import dataclass
@@ -10,37 +10,37 @@ from tca_tools.journal.records import OVER, Task
 from tca_tools.journal.whole_run import Run
 
 ROOM = 0.02
-"""Beside the bars, of the time that they take."""
+"""The margin before and after the bars, as a part of their time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Which bars are asked for."""
+    """A selection of bars."""
 
     modules: Container[str] | None = None
-    """Only in the rows of these modules."""
+    """The modules with rows; None for all."""
     messages: Container[int] | None = None
-    """Only of these messages ..."""
-    beside: Container[int] = ()
-    """... and, paler, of these."""
+    """The selected messages; None for all."""
+    context: Container[int] = ()
+    """Further messages, whose bars are paler."""
     held: Container[int] = ()
-    """Of which tasks it is shown when they were held, and why."""
+    """The tasks with a bar while they are held."""
     since: float | None = None
-    """When what is asked for began: there the chart begins if nothing else is asked for ..."""
+    """The default start of the chart: the start of the selected task."""
     until: float | None = None
-    """... and there it ends: when that ended."""
+    """The default end of the chart: the end of the selected task."""
 
     def row(self, module: str) -> bool:
         """Whether a module has rows."""
         return self.modules is None or module in self.modules
 
     def is_asked(self, number: int) -> bool:
-        """Whether a message is asked for itself."""
+        """Whether a message is selected itself, not as context."""
         return self.messages is None or number in self.messages
 
     def message(self, number: int) -> bool:
         """Whether a message has bars."""
-        return self.is_asked(number) or number in self.beside
+        return self.is_asked(number) or number in self.context
 
 
 ALL = Pick()
@@ -49,9 +49,10 @@ ALL = Pick()
 def span_of(
     rows: list[ResourceRow], run: Run, pick: Pick, start: float | None, end: float | None
 ) -> tuple[float, float]:
-    """From when until when the chart goes: what was not asked for is where things happened, with a
-    little room; of a run in which something goes on, until now. Who is just connected, or still has
-    a lock, makes it no longer.
+    """Return the start and end of a chart.
+
+    By default it covers all bars, with a margin; the chart of a running run with an active task
+    ends now. Connections and locks that are still held do not extend it.
     """
     now = run.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
@@ -64,16 +65,17 @@ def span_of(
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
     if end is None:
-        goes_on = any(bar.is_open for bar in bars) or any(
-            map(partial(_is_at_it, run, pick), run.tasks.values())
+        is_active = any(bar.is_open for bar in bars) or any(
+            map(partial(_is_active, run, pick), run.tasks.values())
         )
-        end = now if run.is_live and goes_on else min(last + room, now)
+        end = now if run.is_live and is_active else min(last + room, now)
     return start, max(end, start)
 
 
-def _is_at_it(run: Run, pick: Pick, task: Task) -> bool:
-    """Whether a task, which may be held and have no bar, goes on and does more than to watch, or to
-    wait for what is under it.
+def _is_active(run: Run, pick: Pick, task: Task) -> bool:
+    """Whether a task is open and does more than watch or wait for its subtasks.
+
+    It may be held, without a bar.
     """
     if task.state in OVER or not pick.message(task.id) or watches(task, task.state):
         return False

@@ -18,7 +18,7 @@ from tca_wire.charts import MachineChart, read_machine
 from tca_wire.coordination import CoordinationReport, TaskRole, read_report
 from tca_wire.life_cycles import Effect
 from tca_wire.points import Moment
-from tca_wire.text.early_work import WhyNotEarly, came_late, why_not_early
+from tca_wire.text.early_work import WhyNotEarly, late_objections, why_not_early
 
 _EARLY = (TaskRole.AHEAD, TaskRole.KEPT, TaskRole.WASTED)
 _TIME = itemgetter(0)
@@ -92,7 +92,7 @@ class CoordinatorRecord:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
             if report is not None:
                 self._late.update(
-                    why_not_early(self.chart, one) for one in came_late(self._told, report)
+                    why_not_early(self.chart, one) for one in late_objections(self._told, report)
                 )
                 self._told = report
             outcomes = set[tuple[int, bool]]()

@@ -91,14 +91,14 @@ def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
     """
     if isinstance(failed, Task):
         return _of_task(run, failed, time, known)
-    if not is_told(run, failed, time):
+    if not is_reported(run, failed, time):
         return Fate.UNTOLD
     if failed.by is None and _monitor(run, failed) is None:
         return Fate.TOLD
-    return Fate.COPED if went_on(run, failed, time, known) else Fate.ANSWERED
+    return Fate.COPED if run_continued(run, failed, time, known) else Fate.ANSWERED
 
 
-def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
+def run_continued(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     """Whether the run went on, or still may, after what failed at *time*; as far as that was known
     at a moment.
     """
@@ -106,22 +106,24 @@ def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     if isinstance(last, Task):
         has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
         return has_failed and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
-    return is_told(run, last, when)
+    return is_reported(run, last, when)
 
 
-def is_told(run: Run, failed: Failing, time: float) -> bool:
+def is_reported(run: Run, failed: Failing, time: float) -> bool:
     """Whether somebody is told of what is no task and failed at *time*: who asked, if he still
     waited for an answer.
     """
     return _has_asker(run, failed) and not _why_untold(run, failed, time)
 
 
-def coped_with(run: Run, message: Message, moment: float = inf, known: float | None = None) -> bool:
+def has_run_survived(
+    run: Run, message: Message, moment: float = inf, known: float | None = None
+) -> bool:
     """Whether a message had failed at a moment, and the run had gone on after that by then, or
     still might; or had by the moment until which things are *known*.
     """
     failed = message.written("failure", moment)
-    return bool(message.was("failure", moment)) and went_on(
+    return bool(message.was("failure", moment)) and run_continued(
         run, message, failed, moment if known is None else known
     )
 
@@ -130,7 +132,9 @@ def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str
     """How a task in a state stands at a moment, in words; see ``STANDINGS``."""
     if watches(task, state, moment):
         return WATCHING
-    return HANDLED if state is TaskState.FAILED and coped_with(run, task, moment) else str(state)
+    return (
+        HANDLED if state is TaskState.FAILED and has_run_survived(run, task, moment) else str(state)
+    )
 
 
 def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
@@ -159,9 +163,9 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
                 yield max(start, since), min(end, over)
 
 
-def has_coped(run: Run, handling: Handling) -> bool:
+def run_continued_after(run: Run, handling: Handling) -> bool:
     """Whether the run went on after a handler failed."""
-    return handling.end is not None and went_on(run, failing(run, handling), handling.end)
+    return handling.end is not None and run_continued(run, failing(run, handling), handling.end)
 
 
 def failing(run: Run, handling: Handling) -> Failing:
@@ -171,13 +175,13 @@ def failing(run: Run, handling: Handling) -> Failing:
     return run.messages.get(handling.message_id) or handling
 
 
-def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
+def undecided_by(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     """The tasks and handlers on which it still depends whether the run went on. Empty: that is
     settled.
     """
     *_, (last, when) = _passed_on(run, failed, time)
     if not isinstance(last, Task):
-        is_open = last.by is not None and last.by.end is None and is_told(run, last, when)
+        is_open = last.by is not None and last.by.end is None and is_reported(run, last, when)
         return [last.by] if is_open and last.by is not None else []
     became, top = _of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
@@ -187,7 +191,7 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     return [last, top]
 
 
-def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
+def retried_ancestor(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
     """The task above one that failed at *time* with whose retry it was killed; as far as that was
     known at a moment.
     """
@@ -204,7 +208,7 @@ def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> T
     return None
 
 
-def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
+def describe_asker(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     """The asker that is told of a failed query, and its fate by a moment; or why nobody is told."""
     if not _has_asker(run, failed):
         return ""
@@ -221,7 +225,7 @@ def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     elif failed.by.outcome is Outcome.FAILED:
         how = (
             "failed then, and that was handled"
-            if went_on(run, failed, time, known)
+            if run_continued(run, failed, time, known)
             else "failed then"
         )
     return f"told to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
@@ -235,7 +239,7 @@ def _passed_on(
     """
     while True:
         yield failed, time
-        if isinstance(failed, Task) or not is_told(run, failed, time):
+        if isinstance(failed, Task) or not is_reported(run, failed, time):
             return
         handling = failed.by
         if monitor := _monitor(run, failed):
@@ -332,7 +336,7 @@ def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
             return Fate.DEALT_WITH
     return (
         Fate.RETRIED
-        if begun_again_with(run, task, time, known) is not None
+        if retried_ancestor(run, task, time, known) is not None
         else _of_killed(run, task, time, known)
     )
 

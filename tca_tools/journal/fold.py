@@ -87,7 +87,7 @@ class History(RecordFold):
                 gc.freeze()  # to look through it takes seconds, and there is next to no garbage in it
         return history
 
-    def go_on(self, present: float | None, time: float | None = None) -> None:
+    def extend_to(self, present: float | None, time: float | None = None) -> None:
         """Nothing more has happened until the *present* on the run's clock (None: the run is over);
         what goes on does so until then, or until *time* if that comes first.
         """
@@ -502,5 +502,5 @@ def folded(
     if there are none.
     """
     history = History.until(journal if entries is None else entries, time)
-    history.go_on(journal.present(history.time), time)
+    history.extend_to(journal.present(history.time), time)
     return history

@@ -355,7 +355,7 @@ class Log:
         folder = self._folder
         return [] if folder is None else [*folder.others, *(folder.missing if of_missing else ())]
 
-    def tell(self, *, of_missing: bool = True) -> None:
+    def print_remarks(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments
         that are missing, too); nothing is said twice.
         """
@@ -364,12 +364,12 @@ class Log:
 
     def check(self, *, of_missing: bool = True) -> None:
         """Raise DamagedLog if reading stopped early, with the one line that says where and why;
-        ``tell`` the rest.
+        ``print_remarks`` the rest.
 
         Of a journal that is cut only the end is missing, as after a power cut: a line on the
         standard error says so.
         """
-        self.tell(of_missing=of_missing)
+        self.print_remarks(of_missing=of_missing)
         for remark in filter(None, [self._shortened, self._followed_by]):
             self._say(remark)
         also = "; ".join(self.losses.lines)

@@ -76,7 +76,7 @@ def show(
         )
     journal = open_log(log_path)
     if follow:
-        journal.tell()
+        journal.print_remarks()
     entries: Iterable[Entry] = journal.follow() if follow else journal
     about = _About(task) if task is not None else None
     if classic:

@@ -1,3 +1,1 @@
-"""``tca replay``: a run message by message in the terminal, at any speed, forwards and
-backwards.
-"""
+"""``tca replay``: a run message by message in the terminal, forwards or backwards."""

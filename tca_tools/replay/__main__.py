@@ -1,4 +1,4 @@
-"""``tca replay``: a run message by message; on a terminal with keys, elsewhere as lines of text."""
+"""``tca replay``: a run message by message, with keys on a terminal, else as lines of text."""
 
 import sys
 from pathlib import Path
@@ -21,24 +21,31 @@ from tca_tools.terminal import line_width
     type=click.FloatRange(min=0, min_open=True),
     default=1.0,
     show_default=True,
-    help="How fast time passes while it plays.",
+    help="The speed of playing; 2 is twice real time.",
 )
 @click.option(
     "--at",
     metavar="SECONDS",
     type=MOMENT,
-    help="Begin there (default: at the end; as text, at the start).",
+    help="Start at this time (default: the end; as text, the start).",
 )
-@click.option("--text", is_flag=True, help="As lines of text, as where there is no terminal.")
+@click.option("--text", is_flag=True, help="Print lines of text, even on a terminal.")
 def replay(log_path: Path | None, speed: float, at: float | None, text: bool) -> None:
     """Re-create the task tree message by message.
 
-    LOG is a journal directory or one of its segments; without it, the newest run. Keys: right and
-    left for the next message and the one before, space to play (at the end: from the start), + and
-    - for the speed, ] and [ for failures, / to search, g to go to a time, up and down to choose a
-    task, page up and down to read its story, ? for all keys. Without a terminal the tree's growth
-    is printed, a line for each step.
-    """
+    \b
+    right, left    the next or previous message
+    space          play or pause (at the end: play from the start)
+    + -            play faster or slower
+    ] [            the next or previous failure
+    / g            search, or go to a time
+    up, down       select a task
+    page up, down  scroll the task's story
+    ?              all keys
+
+    LOG is a journal directory or one of its segments; the default is the newest run. Without a
+    terminal, the growth of the tree is printed, one line for each step.
+    """  # noqa: D301 - click interprets the character itself
     journal = open_log(log_path)
     as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())
     if not as_text:

@@ -1,6 +1,4 @@
-"""The replay on the terminal: what the keys do, and when time passes. Knows the recording and the
-panes.
-"""
+"""The replay on the terminal: the actions of keys, and the passing of time."""
 
 import signal
 import sys
@@ -20,16 +18,16 @@ from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 FRAMES = 15
-"""How often the screen is drawn in a second while time passes."""
+"""The number of times a second that the screen is drawn while time passes."""
 SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 5000.0)
 _FAR = 20
 _LEAST_BESIDE = 90
-"""Columns: with fewer the story stands below the tree."""
+"""The least columns for a story beside the tree; with fewer it is below the tree."""
 _KEYS = (
     ("q", "leave", "quit"),
     ("space", "play", "play/pause"),
     ("right", "step(1)", "next message"),
-    ("left", "step(-1)", "before"),
+    ("left", "step(-1)", "previous"),
     ("plus,equals_sign", "speed(1)", "faster"),
     ("minus", "speed(-1)", "slower"),
     ("right_square_bracket,f", "failure(1)", "next failure"),
@@ -38,35 +36,33 @@ _KEYS = (
     ("question_mark", "help", "all keys"),
 )
 _MORE_KEYS = (
-    ("left_square_bracket,F", "failure(-1)", "the failure before"),
-    ("n", "search(1)", "next that is found"),
-    ("N", "search(-1)", "the one found before"),
+    ("left_square_bracket,F", "failure(-1)", "previous failure"),
+    ("n", "search(1)", "next match"),
+    ("N", "search(-1)", "previous match"),
     ("g", "ask('time')", "go to a time"),
-    ("r", "turn", "time runs backwards"),
-    ("up", "select(-1)", "the task above"),
-    ("down", "select(1)", "the task below"),
-    ("shift+right,ctrl+right", f"step({_FAR})", f"{_FAR} messages on"),
+    ("r", "turn", "reverse time"),
+    ("up", "select(-1)", "task above"),
+    ("down", "select(1)", "task below"),
+    ("shift+right,ctrl+right", f"step({_FAR})", f"{_FAR} messages forward"),
     ("shift+left,ctrl+left", f"step({-_FAR})", f"{_FAR} messages back"),
-    ("pageup", "scroll_story(-1)", "back in the story"),
-    ("pagedown", "scroll_story(1)", "on in the story"),
-    ("home", f"step({-sys.maxsize})", "the first message"),
-    ("end", f"step({sys.maxsize})", "the last message"),
+    ("pageup", "scroll_story(-1)", "scroll the story up"),
+    ("pagedown", "scroll_story(1)", "scroll the story down"),
+    ("home", f"step({-sys.maxsize})", "first message"),
+    ("end", f"step({sys.maxsize})", "last message"),
 )
-"""The actions of keys, while nothing is typed: those that are named below the panes, and others,
-which ``?`` names.
-"""
+"""The keys with their actions: those in the footer, and those that only ``?`` shows."""
 
 _QUESTIONS = {
-    "time": "go to: seconds, as in 12.5",
-    "name": "search: part of a task's name or of a failure, or a task's number",
+    "time": "go to: seconds, such as 12.5",
+    "name": "search: a task's number, or a part of a task's name or of a failure",
 }
 
 
 class Replay(App[None]):
-    """A run, message by message."""
+    """The application, which shows a run message by message."""
 
     CSS_PATH = "app.tcss"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - as in App
     BINDINGS: ClassVar = [
         *(Binding(key, action, words, priority=True) for key, action, words in _KEYS),
         *(
@@ -74,11 +70,11 @@ class Replay(App[None]):
             for key, action, words in _MORE_KEYS
         ),
         Binding("ctrl+c", "quit", "quit", show=False, priority=True),
-        Binding("escape", "stop_asking", "type no more", show=False),
+        Binding("escape", "stop_asking", "cancel the question", show=False),
     ]
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = ""
-    """Nothing has the focus but what is being asked: other keys are for the replay."""
+    """Only a question has the focus, so that all other keys reach the application."""
 
     def __init__(
         self, recording: Recording, name: str, *, speed: float = 1.0, at: float | None = None
@@ -91,25 +87,23 @@ class Replay(App[None]):
         self.direction = 1
         self.is_playing = False
         self.selected = 0
-        self.follows = True
-        """The selected task is the one that the message at the cursor is about, until another is
-        chosen.
-        """
+        self.follows_cursor = True
+        """Whether each message selects the task that it is about; not if the user selects one."""
         self._opened: dict[int, bool] = {}
         self._clock = 0.0
-        self._wanted = ""
-        self._asked = ""
-        self._said = ""
+        self._search_text = ""
+        self._question = ""
+        self._notice = ""
         self._terminal = None
         if sys.__stdin__ and sys.__stdin__.isatty():
             self._terminal = sys.__stdin__.fileno()
 
     def compose(self) -> ComposeResult:
-        """The panes."""
+        """Yield the panes."""
         panes = TreePane(self._select), StoryPane(self.recording), MessagesPane(self.recording)
         for pane, title in zip(panes, ("task tree", "story", "messages"), strict=True):
             pane.border_title = title
-        yield TimeBar(self.recording, self._hold_at)
+        yield TimeBar(self.recording, self._pause_at)
         with Vertical():
             with Horizontal(id="main"):
                 yield from panes[:2]
@@ -118,17 +112,16 @@ class Replay(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """The screen is there."""
+        """Start the timer when the screen is ready."""
         self.query_one("#sentences").can_focus = False
-        self.set_interval(1 / FRAMES, self._pass)
+        self.set_interval(1 / FRAMES, self._advance)
 
     def on_resize(self) -> None:
-        """There is more room, or less."""
-        # what keys have said meanwhile stays
-        self.call_after_refresh(lambda: self.go_to(self.place, self._said))
+        """Draw everything for the new size, with the notice of the last key."""
+        self.call_after_refresh(lambda: self.go_to(self.place, self._notice))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool:
-        """While something is typed the keys are for that."""
+        """Disable most keys while the user types an answer."""
         del parameters
         is_typing = isinstance(self.focused, Question)
         return not is_typing or action in ("quit", "stop_asking")
@@ -137,13 +130,13 @@ class Replay(App[None]):
         """End the replay."""
         self.exit()
 
-    def go_to(self, place: int, said: str = "") -> None:
-        """Show the run as it was after an event."""
+    def go_to(self, place: int, notice: str = "") -> None:
+        """Show the run after an event, with a notice."""
         recording = self.recording
         self.place = min(max(place, 0), recording.last)
-        self._said = said
+        self._notice = notice
         at = recording.at(self.place)
-        if self.follows and (about := self._about()):
+        if self.follows_cursor and (about := self._about()):
             self.selected = about
         if self.selected not in at.tasks:
             self.selected = int(at.top[0]) if at.top else 0
@@ -151,30 +144,30 @@ class Replay(App[None]):
         self.query_one(TreePane).show(rows, at, self.selected)
         self.query_one(StoryPane).show(self.selected, at)
         self.query_one(MessagesPane).place = self.place
+        mode = "playing" if self.is_playing else "paused"
         heading = (
             self.title,
             f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s",
             f"event {self.place + 1} of {recording.last + 1}",
-            f"{counted(recording.under_way(at), 'task')} under way",
-            f"{'playing' if self.is_playing else 'paused'}{' backwards' * (self.direction < 0)}, speed {self.speed:g}",
-            said,
+            counted(recording.count_open_tasks(at), "open task"),
+            f"{mode}{' backwards' * (self.direction < 0)}, speed {self.speed:g}",
+            notice,
         )
         bar = self.query_one(TimeBar)
-        bar.place, bar.said = self.place, "   ".join(heading)
+        bar.place, bar.heading = self.place, "   ".join(heading)
 
     def _about(self) -> int:
-        """The task that the event at the cursor is about: the one that failed, or whose question
-        did; or the first that is named.
-        """
+        """Return the task that the event at the cursor is about; that of a failure comes first."""
         facts = self.recording.events[self.place] if self.recording.events else []
         failed_first = sorted(facts, key=lambda fact: not isinstance(fact, Failed))
         return next(filter(None, map(self.recording.about, failed_first)), 0)
 
     # --- moving -----------------------------------------------------------------------------------
 
-    def _pass(self) -> None:
-        """Let time pass. End if the terminal has gone: not everybody is told, and its input would
-        be read for ever.
+    def _advance(self) -> None:
+        """Let time pass, or end if the terminal is closed.
+
+        Not every terminal sends a signal when it closes; its input would then be read forever.
         """
         if self._terminal is not None and is_hung_up(self._terminal):
             signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -189,54 +182,54 @@ class Replay(App[None]):
             self.go_to(place)
 
     def action_step(self, step: int) -> None:
-        """Go to the next message, or to the one before."""
-        self._hold_at(self.place + step)
+        """Go to the next or previous message."""
+        self._pause_at(self.place + step)
 
-    def _hold_at(self, place: int) -> None:
+    def _pause_at(self, place: int) -> None:
         self.is_playing = False
         self.go_to(place)
 
     def action_play(self) -> None:
-        """Let time pass, or hold it; at the end, begin again."""
+        """Play or pause; at the end, play from the start."""
         self.is_playing = not self.is_playing
-        beginning, end = (0, self.recording.last)[:: self.direction]
-        self.go_to(beginning if self.is_playing and self.place == end else self.place)
+        start, end = (0, self.recording.last)[:: self.direction]
+        self.go_to(start if self.is_playing and self.place == end else self.place)
         self._clock = self.recording.time(self.place)
 
     def action_turn(self) -> None:
-        """Let time pass the other way."""
+        """Reverse the direction of time."""
         self.direction = -self.direction
         self._clock = self.recording.time(self.place)
         self.go_to(self.place)
 
     def action_speed(self, step: int) -> None:
-        """Let time pass faster or slower."""
+        """Play faster or slower."""
         others = [speed for speed in SPEEDS[::step] if (speed - self.speed) * step > 0]
         self.speed = next(iter(others), self.speed)
         self.go_to(self.place)
 
     def action_failure(self, step: int) -> None:
-        """Go to the next failure, or to the one before."""
+        """Go to the next or previous failure."""
         self.is_playing = False
         found = self.recording.next_failure(self.place, step)
         if found is None:
-            self.go_to(self.place, f"no failure {'follows' if step > 0 else 'before'}")
+            self.go_to(self.place, f"no {'later' if step > 0 else 'earlier'} failure")
             return
-        self.follows = True
+        self.follows_cursor = True
         self.go_to(found)
 
     def action_help(self) -> None:
-        """Show all keys, or show them no longer."""
+        """Show or hide the list of all keys."""
         if self.screen.query(HelpPanel):
             self.action_hide_help_panel()
         else:
             self.action_show_help_panel()
         self.on_resize()
 
-    # --- choosing ---------------------------------------------------------------------------------
+    # --- selecting --------------------------------------------------------------------------------
 
     def action_select(self, step: int) -> None:
-        """Choose the task on the next line."""
+        """Select the task on the next or previous line."""
         rows = self.query_one(TreePane).rows
         tasks: list[int] = [row.task.id for row in rows if row.task]
         if tasks:
@@ -244,70 +237,70 @@ class Replay(App[None]):
             self._select(tasks[min(max(place, 0), len(tasks) - 1)])
 
     def _select(self, task: int) -> None:
-        self.selected, self.follows = task, False
+        self.selected, self.follows_cursor = task, False
         self.go_to(self.place)
 
     def action_scroll_story(self, pages: int) -> None:
-        """Go back in the story of the selected task, or forward."""
+        """Scroll the story of the selected task."""
         self.query_one(StoryPane).scroll_pages(pages)
 
     def action_fold(self) -> None:
-        """Open or close the selected task."""
+        """Unfold or fold the selected task."""
         rows = self.query_one(TreePane).rows
         for row in rows:
             if row.task and row.task.id == self.selected:
-                below = [one.task for one in rows if one.parent == row.number]
+                below = [other.task for other in rows if other.parent == row.number]
                 self._opened[self.selected] = not any(below)
                 self._select(self.selected)
                 return
 
     # --- asking -----------------------------------------------------------------------------------
 
-    def action_ask(self, what: str) -> None:
-        """Ask where to go, or what to look for."""
-        self._asked = what
+    def action_ask(self, question: str) -> None:
+        """Ask the user for a time or a text to search for."""
+        self._question = question
         self.is_playing = False
         ask = self.query_one(Question)
-        ask.value, ask.placeholder = "", _QUESTIONS[what]
+        ask.value, ask.placeholder = "", _QUESTIONS[question]
         ask.add_class("asked")
-        self.set_focus(ask)  # at once: the next key may have been typed already
+        self.set_focus(ask)  # at once, for the next key may have been typed already
 
     def action_stop_asking(self) -> None:
-        """Nothing is asked any more."""
+        """Hide the question."""
         self.query_one(Question).remove_class("asked")
         self.set_focus(None)
 
     def _answer(self, text: str) -> None:
-        """Act on the answer to a question when it has been typed."""
+        """Act on the answer to a question."""
         self.action_stop_asking()
-        if self._asked == "name":
-            self._wanted = text or self._wanted
-            if self._wanted:
+        if self._question == "name":
+            self._search_text = text or self._search_text
+            if self._search_text:
                 self.action_search(1)
             return
         try:
             seconds = float(text.removesuffix("s"))
         except ValueError:
-            said = f"'{printable(text)}' is no time: write seconds, as in 12.5"
-            self.go_to(self.place, said)
+            notice = f"'{printable(text)}' is not a time: type seconds, such as 12.5"
+            self.go_to(self.place, notice)
             return
         _, end = self.recording.span
-        said = f"the journal ends at {end:.3f} s" if seconds > end else ""
-        self.go_to(self.recording.place_of(seconds), said)
+        notice = f"the journal ends at {end:.3f} s" if seconds > end else ""
+        self.go_to(self.recording.place_of(seconds), notice)
 
     def action_search(self, step: int) -> None:
-        """Go to the next task or failure that is looked for; behind the last one, to the first."""
-        if not self._wanted:
+        """Go to the next match of the search; after the last one, to the first."""
+        if not self._search_text:
             self.action_ask("name")
             return
-        recording, said = self.recording, ""
-        found = recording.search(self._wanted, self.place, step)
+        recording, notice = self.recording, ""
+        found = recording.search(self._search_text, self.place, step)
         if found is None:
             start = -1 if step > 0 else recording.last + 1
-            found = recording.search(self._wanted, start, step)
-            said = f"found from the {'start' if step > 0 else 'end'} again"
+            found = recording.search(self._search_text, start, step)
+            notice = f"search continued from the {'start' if step > 0 else 'end'}"
         if found is None:
-            self.go_to(self.place, f"no task or failure '{printable(self._wanted)}'")
+            self.go_to(self.place, f"no task or failure '{printable(self._search_text)}'")
             return
-        self.selected, self.follows = found.task, False
-        self.go_to(found.place, said)
+        self.selected, self.follows_cursor = found.task, False
+        self.go_to(found.place, notice)

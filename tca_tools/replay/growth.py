@@ -1,4 +1,4 @@
-"""How the tree grew, as lines of text: each state that a task came to, one after the other."""
+"""The growth of the tree as lines of text: each change of a task's state, in order."""
 
 from collections.abc import Iterator
 
@@ -13,18 +13,17 @@ from tca_tools.terminal import columns_of, cut
 from tca_wire.points import ROOT
 
 _DEEPEST, _NARROW = 12, 40
-"""Levels that are indented, where there are more columns than the second."""
+"""The most levels that are indented, and the columns that are left for text."""
 _SHORTEST_STATE, _SHORTEST_NAME = 12, 8
-"""Columns that are kept."""
-_FAR = 100
-"""Waits: what is waited for beyond so many is not looked for, or a long run would take very
-long.
-"""
+"""The least columns of a state and of a name."""
+_MOST_WAITS = 100
+"""The most waits that are followed to explain a state; more would slow down long runs."""
 
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
-    """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it
-    waits.
+    """Yield the lines from a time on: ``+`` for a task that is sent, then its later states.
+
+    Each line says why the task waits.
     """
     run, deepest = recording.run, _DEEPEST
     if width is not None:
@@ -44,14 +43,12 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {'  ' * min(depth, deepest)}"
         if depth > deepest:
             start_of_line += f"[{depth}] "
-        called, note = (
-            words.called(at.tasks[number]),
-            words.note_of(at, at.tasks[number], within=_FAR),
-        )
+        name = words.called(at.tasks[number])
+        note = words.note_of(at, at.tasks[number], within=_MOST_WAITS)
         if width is not None:
-            called = cut(called, max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME))
-        line = cut(f"{start_of_line}{called}: ", width)
-        said = ", ".join(filter(None, (state, note.within(None, at.time))))
-        rest = cut(said, None if width is None else width - columns_of(line))
+            name = cut(name, max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME))
+        line = cut(f"{start_of_line}{name}: ", width)
+        text = ", ".join(filter(None, (state, note.within(None, at.time))))
+        rest = cut(text, None if width is None else width - columns_of(line))
         state_in_colour = click.style(rest[: len(state)], fg=COLOURS[state])
         yield line + state_in_colour + rest[len(state) :]

@@ -1,6 +1,4 @@
-"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the
-bar of time.
-"""
+"""The panes of the replay: task tree, messages, story of a task, and time bar."""
 
 from collections.abc import Callable
 from itertools import count, islice
@@ -20,7 +18,7 @@ from textual.widgets import Input, RichLog, Static
 
 from tca_tools.explain.story import story
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import coped_with
+from tca_tools.journal.fates import has_run_survived
 from tca_tools.journal.records import OVER
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz import words
@@ -36,25 +34,25 @@ _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8
 _NAME_WIDTH, _LEAST_NAME = 44, 20
 _SHARE_OF_NAMES = 0.4
-"""Of the pane's width; the rest is for states and reasons."""
+"""The names' share of the pane's width; the rest is for states and reasons."""
 _LEVELS = 8, 12
-"""How many levels have wide guides, and how many are indented before that begins anew."""
+"""The number of levels with wide guides, and of levels after which the indent starts again."""
 _LONGEST_DATA = 100
 _LONGEST_STORY = 300
-"""Sentences: to lay out thousands at each step takes seconds."""
+"""The most sentences of a story: the layout of thousands at each step would take seconds."""
 _HANDLED = "yellow"
 _TINTS = {True: "red", None: _HANDLED, False: ""}
-"""Of what is bad news, or was (None)."""
+"""The colours of facts: bad news, a failure that was dealt with (None), and others."""
 
 
 def colour_of(standing: str) -> str:
-    """As ``tca tree`` has it, but for what is too dark on many screens."""
+    """Return the colour that ``tca tree`` uses, lighter if it is too dark on many screens."""
     colour = COLOURS[standing]
     return "grey62" if colour == "bright_black" else colour
 
 
 class TreePane(ScrollView, can_focus=False):
-    """The task tree as it was, a line a task. Only lines that are seen are drawn."""
+    """The task tree at the cursor, a line for each task. Only visible lines are drawn."""
 
     def __init__(self, choose: Callable[[int], object]) -> None:
         super().__init__(id="tree")
@@ -63,11 +61,11 @@ class TreePane(ScrollView, can_focus=False):
         self.at: RunAt | None = None
         self.selected = 0
         self._names: list[tuple[str, str]] = []
-        """Of each row its guides, and what it is called."""
+        """The guides and the label of each row."""
         self._name_width = _LEAST_NAME
 
     def show(self, rows: list[Row], at: RunAt, selected: int) -> None:
-        """Show other rows, and keep the selected one in sight."""
+        """Show other rows, and scroll to the selected one."""
         self.rows, self.at, self.selected = rows, at, selected
         guides = [before for before, _ in prefixes(rows, UNICODE, *_LEVELS)]
         self._names = list(zip(guides, map(words.label, rows), strict=True))
@@ -83,9 +81,8 @@ class TreePane(ScrollView, can_focus=False):
         self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """One line, drawn when it is seen."""
-        # what the scroll bar covers is not seen
-        width = self.scrollable_content_region.width
+        """Draw a visible line."""
+        width = self.scrollable_content_region.width  # without the scroll bar
         place = y + int(self.scroll_offset.y)
         line = self._line(place, width) if place < len(self.rows) else Text()
         line.truncate(width, overflow="ellipsis", pad=True)
@@ -93,19 +90,19 @@ class TreePane(ScrollView, can_focus=False):
         return strip.apply_style(self.rich_style)
 
     def _line(self, place: int, width: int) -> Text:
-        task, (guides, called), at = self.rows[place].task, self._names[place], self.at
+        task, (guides, label), at = self.rows[place].task, self._names[place], self.at
         if task is None or at is None:
-            return Text(guides + called, "dim")
+            return Text(guides + label, "dim")
         look = "bold reverse" if task.id == self.selected else ""
-        name = Text.assemble((guides, "dim"), (called, look))
+        name = Text.assemble((guides, "dim"), (label, look))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
         room = max(width - self._name_width - _STATE_WIDTH - 3, _SHORTEST_NOTE)
-        told = words.note_of(at, task).within(room, at.time)
+        note = words.note_of(at, task).within(room, at.time)
         state = f"{task.standing:{_STATE_WIDTH}}", colour_of(task.standing)
-        return Text.assemble(name, "  ", state, " ", (told, "dim"))
+        return Text.assemble(name, "  ", state, " ", (note, "dim"))
 
     def on_click(self, event: Click) -> None:
-        """Choose the task under the mouse."""
+        """Select the task under the mouse."""
         offset = event.get_content_offset(self)
         place = offset.y + int(self.scroll_offset.y) if offset else len(self.rows)
         if place < len(self.rows) and (task := self.rows[place].task):
@@ -113,7 +110,7 @@ class TreePane(ScrollView, can_focus=False):
 
 
 class MessagesPane(Widget):
-    """The messages around the cursor, a line a fact; those of the event at the cursor stand out."""
+    """The messages around the cursor, a line for each fact; the event at the cursor is bold."""
 
     place = reactive(0)
     """The cursor."""
@@ -123,7 +120,7 @@ class MessagesPane(Widget):
         self._recording = recording
 
     def render(self) -> Text:
-        """As many lines as there is room for."""
+        """Draw as many lines as fit."""
         room, here = max(self.size.height, 1), self.place
         end = len(self._recording.events)
         above: list[Text] = []
@@ -140,18 +137,19 @@ class MessagesPane(Widget):
         time = f"{'>' if place == self.place else ' '}{recording.time(place):9.3f}  "
         lines = []
         for number, fact in zip(count(), recording.events[place], strict=False):
-            said = f"{kind_of(fact):15} {printable(first_line(recording.wording.words(fact)))}  "
-            said = (said + data_text(getattr(fact, "body", b""))).rstrip()
+            text = f"{kind_of(fact):15} {printable(first_line(recording.wording.words(fact)))}  "
+            text = (text + data_text(getattr(fact, "body", b""))).rstrip()
             tint = _TINTS[recording.is_bad_news(place, fact, self.place)]
             start = " " * len(time) if number else time
-            lines.append(Text.assemble((start, plain), (said, tint or plain)))
+            lines.append(Text.assemble((start, plain), (text, tint or plain)))
             lines[-1].truncate(max(self.size.width, 1), overflow="ellipsis")
         return lines
 
 
 class StoryPane(Vertical):
-    """The story of the selected task until now, and why it waits. The newest sentences are seen;
-    others are scrolled to.
+    """The story of the selected task up to the cursor, and why it waits.
+
+    The newest sentences are visible; the user scrolls to others.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -159,7 +157,7 @@ class StoryPane(Vertical):
         self._recording = recording
 
     def compose(self) -> ComposeResult:
-        """The fixed part, and below it the part that scrolls."""
+        """Yield the fixed part, and below it the part that scrolls."""
         yield Static(id="standing")
         yield RichLog(id="sentences", min_width=1)
 
@@ -169,48 +167,49 @@ class StoryPane(Vertical):
         log.clear()
         task = at.tasks.get(number)
         if task is None:
-            said = "no task is selected: up and down choose one, / looks for one"
-            head.update(Text(said, style="dim"))
+            text = "no task is selected: select one with up and down, or search with /"
+            head.update(Text(text, style="dim"))
             return
         state = task.standing, colour_of(task.standing)
         lines = [Text.assemble((printable(str(task)), "bold"), "  ", state)]
         if data := words.data(task):
             lines.append(Text(cut(data, _LONGEST_DATA), "dim"))
-        if task.state not in OVER and (
-            note := words.note(at, task)
-        ):  # of what is over its story tells why
-            lines.append(Text(note, "yellow"))
+        # The story of an ended task explains its end.
+        if task.state not in OVER and (reason := words.note(at, task)):
+            lines.append(Text(reason, "yellow"))
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
-        told = story(run, number, at.moment)
-        sentences = [one for one in told if one.time <= at.moment]
-        if untold := max(len(sentences) - _LONGEST_STORY, 0):
-            more = f"... and {counted(untold, 'sentence')} before: 'tca tree --story {number}' prints all"
+        whole = story(run, number, at.moment)
+        sentences = [sentence for sentence in whole if sentence.time <= at.moment]
+        if hidden := max(len(sentences) - _LONGEST_STORY, 0):
+            number_hidden = counted(hidden, "earlier sentence")
+            more = f"... {number_hidden}: 'tca tree --story {number}' prints all"
             table.add_row("", Text(more, "dim"))
-        for sentence in sentences[untold:]:
+        for sentence in sentences[hidden:]:
             clock = self._recording.time(self._recording.place_of_record(sentence.time))
             style = "red" if sentence.is_bad else ""
-            if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
+            if style and has_run_survived(run, run.tasks[number], sentence.time, at.moment):
                 style = _HANDLED
             words_of = Text(printable_lines(sentence.by(at.moment, at.time)), style)
             table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), words_of)
         log.write(table, expand=True)
 
     def scroll_pages(self, pages: int) -> None:
-        """Go back in the story, or on."""
+        """Scroll the story by half pages; negative is back."""
         log = self.query_one(RichLog)
         log.scroll_relative(y=pages * max(log.size.height // 2, 1), animate=False)
 
 
 class TimeBar(Widget):
-    """From the beginning to the end: where the cursor is, where something failed. A click goes
-    there.
+    """A bar from the start to the end of the run, with the cursor and the failures.
+
+    A click moves the cursor.
     """
 
     place = reactive(0)
     """The cursor."""
-    said = reactive("")
-    """The words above."""
+    heading = reactive("")
+    """The line of text above the bar."""
 
     def __init__(self, recording: Recording, go_to: Callable[[int], object]) -> None:
         super().__init__(id="bar")
@@ -223,17 +222,17 @@ class TimeBar(Widget):
         return int((time - start) / (end - start) * last) if end > start else last
 
     def render(self) -> Text:
-        """The words above, the bar below."""
+        """Draw the heading, and the bar below it."""
         width, here = max(self.size.width, 1), self._column(self.place)
         bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
         failures = self._recording.failures.items()
-        for place, is_bad in sorted(failures, key=itemgetter(1)):  # red over others
+        for place, is_bad in sorted(failures, key=itemgetter(1)):  # red last, over the others
             column = self._column(place)
             bar.stylize("bold red" if is_bad else f"bold {_HANDLED}", column, column + 1)
         bar.stylize("bold white", here, here + 1)
-        said = Text(self.said, style="bold")
-        said.truncate(width, overflow="ellipsis")
-        return Text("\n").join([said, bar])
+        text = Text(self.heading, style="bold")
+        text.truncate(width, overflow="ellipsis")
+        return Text("\n").join([text, bar])
 
     def on_click(self, event: Click) -> None:
         """Go to the time under the mouse."""
@@ -244,19 +243,20 @@ class TimeBar(Widget):
 
 
 class Question(Input):
-    """A line to type in. It hands over the answer at once: keys that were typed fast after it are
-    not part of it.
+    """A line to type an answer in.
+
+    It handles Enter at once, so that keys typed right after it do not join the answer.
     """
 
     _ENTER = ("enter", "ctrl+j")
-    """The keys for Enter of terminals, and of programs that write a line."""
+    """The key of terminals, and that of programs that write a line."""
 
     def __init__(self, answer: Callable[[str], object]) -> None:
         super().__init__(id="ask")
         self._answer = answer
 
     def on_key(self, event: Key) -> None:
-        """A key that came here: it may have been on its way when nothing was asked any more."""
+        """Handle a key; pass it to the application if it arrives after the question has ended."""
         if self.app.focused is not self:
             event.stop().prevent_default()
             self.app.post_message(Key(event.key, event.character))

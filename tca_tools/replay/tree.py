@@ -1,8 +1,6 @@
-"""Which tasks the tree shows at a moment: what lives with what it is under, and of what is over the
-newest.
+"""The tasks that the tree pane shows at a moment: open tasks with their ancestors, and others.
 
-Nothing recurses; a moment costs what is shown and what stands beside that, however many tasks there
-are.
+The time for a moment depends on the tasks that are shown and their siblings, not on all tasks.
 """
 
 from collections.abc import Sequence
@@ -13,14 +11,18 @@ from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, walked
 from tca_wire.points import ROOT, Moment, TaskId
 
 MOST_ROWS = 3000
-"""Of a tree that is larger even so, the rest is left out."""
-_ENDS, _LIVING = 2, 12
-"""Of many siblings so many are shown at either end, and so many that live."""
+"""The most rows; more are left out."""
+_ENDS, _OPEN = 2, 12
+"""The number of siblings that are shown at either end, and the most open ones between them."""
 
 
 def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
-    """The rows at a moment. What the *selected* task is under is open; *opened* tells what the user
-    has opened (True) or closed.
+    """Return the rows of the tree at a moment.
+
+    Args:
+        at: The run at the moment.
+        selected: The selected task, whose ancestors are unfolded.
+        opened: By task, whether the user has unfolded (True) or folded it.
     """
     above = set(lineage(at.run, TaskId(selected))) if selected in at.tasks else set()
     is_small = len(at.tasks) <= SHOWN_AT_MOST
@@ -28,7 +30,7 @@ def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
     def below(row: Row) -> list[Row]:
         task = row.task.id if row.task else ROOT
         is_open = task == ROOT or opened.get(
-            task, is_small or task in above - {selected} or _lives(at, task)
+            task, is_small or task in above - {selected} or _is_open(at, task)
         )
         children = at.children(task)
         shown = _shown(at, children, above) if is_open else []
@@ -43,17 +45,17 @@ def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
     return walked(below, MOST_ROWS)
 
 
-def _lives(at: RunAt, task: TaskId) -> bool:
+def _is_open(at: RunAt, task: TaskId) -> bool:
     return at.run.tasks[task].time_of(Moment.END_ACHIEVING) > at.moment
 
 
 def _shown(at: RunAt, children: Sequence[TaskId], above: set[TaskId]) -> list[int]:
-    """The places of the children that are shown."""
+    """Return the places of the children that are shown."""
     count = len(children)
-    if count <= 2 * _ENDS + _LIVING:
+    if count <= 2 * _ENDS + _OPEN:
         return list(range(count))
-    living = [place for place, child in enumerate(children) if _lives(at, child)]
-    if len(living) > _LIVING:
-        living = [*living[: _LIVING // 2], *living[-_LIVING // 2 :]]
+    open_places = [place for place, child in enumerate(children) if _is_open(at, child)]
+    if len(open_places) > _OPEN:
+        open_places = [*open_places[: _OPEN // 2], *open_places[-_OPEN // 2 :]]
     wanted = (place for place, child in enumerate(children) if child in above)
-    return sorted({*range(_ENDS), *living, *wanted, *range(count - _ENDS, count)})
+    return sorted({*range(_ENDS), *open_places, *wanted, *range(count - _ENDS, count)})

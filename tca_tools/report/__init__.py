@@ -1,1 +1,1 @@
-"""A run as one page to mail to a colleague."""
+"""The report of a run: one HTML file that a user can send to a colleague."""

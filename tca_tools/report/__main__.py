@@ -1,4 +1,4 @@
-"""``tca report``: a run as one HTML file to mail to a colleague."""
+"""``tca report``: a report of a run as one HTML file."""
 
 from pathlib import Path
 
@@ -19,14 +19,15 @@ from tca_tools.report.tree import tree
 @output_option("The file, .html.", required=True)
 @force_option
 def report(log_path: Path | None, output: Path, *, force: bool) -> None:
-    """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart
-    and tree.
+    """Write a report of a run as one HTML file.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is reported.
+    It has the outcome, failures, critical path, advice, Gantt chart and task tree of the run.
+
+    LOG is a journal directory or one of its segments; the default is the newest run.
     """
     check_output(output, (".html", ".htm"), force=force)
     with extra("report", "a report"):
-        from tca_tools.report.page import page  # noqa: PLC0415 - it needs an extra
+        from tca_tools.report.page import page  # noqa: PLC0415 - needs an extra
     journal = open_log(log_path)
     history = folded(journal)
     found = contents(history)
@@ -38,7 +39,7 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
 
 
 def _damage(journal: Log) -> str:
-    """Why not all of it could be read."""
+    """Return why a part of the journal could not be read; "" if all of it was."""
     try:
         journal.check()
     except DamagedLog as error:

@@ -1,4 +1,4 @@
-"""The page of a report: its contents as one HTML file that fetches nothing and runs no script."""
+"""The page of a report: one HTML file that fetches nothing and runs no script."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,18 +23,29 @@ from tca_wire.text.printable import first_line, printable
 
 _HERE = Path(__file__).parent
 _LONGEST_TEXT = 300
-_LONGEST_SAID = 220
-"""Characters of what was said of a failure that stand in the table."""
+_LONGEST_FAILURE = 220
+"""The most characters of a failure's text in the table."""
 
 
 def page(
     name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | None, strips: list[Strip]
 ) -> str:
-    """The report of journal *name*, which can't be read to its end if *damage* says so, as HTML."""
+    """Return the report of a journal as HTML.
+
+    Args:
+        name: The journal's name.
+        damage: Why a part of the journal could not be read; "" for none.
+        found: The contents.
+        tree: The task tree.
+        gantt: The Gantt chart; None if no handler ran.
+        strips: The use of resources over time.
+    """
     run = found.summary
-    verdict = "good" if run.is_good else "bad" if run.reasons else "open"
+    verdict = "good" if run.is_good else "open"
+    if run.reasons and not run.is_good:
+        verdict = "bad"
     now = f"{_clock(run.began, run.now)} ({run_time(run.now)})"
-    style = Markup((_HERE / "page.css").read_text())  # noqa: S704 - a file of ours
+    style = Markup((_HERE / "page.css").read_text())  # noqa: S704 - a file of this package
     return (
         _environment()
         .get_template("page.html")
@@ -47,13 +58,13 @@ def page(
             gantt=gantt,
             strips=strips,
             style=style,
-            drawn=Markup,  # of what the pictures' makers have escaped
+            drawn=Markup,  # pictures are already escaped
             verdict=verdict,
             began=_clock(run.began, run.start),
             now=now,
             fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
             kinds_of_waits=HEADINGS,
-            longest_said=_LONGEST_SAID,
+            longest_failure=_LONGEST_FAILURE,
             kinds_shown=KINDS,
             cases_shown=CASES,
             whole_texts=_whole_texts,
@@ -69,34 +80,35 @@ def page(
 
 
 def _whole_texts(cases: list[Case]) -> list[tuple[str, list[str]]]:
-    """The whole texts of failures that the table cuts: whose they are, and their lines."""
+    """Return the texts of failures that the table cuts: the message, and the lines of the text."""
     texts: dict[str, str] = {}
     for case in cases:
-        if cut(first_line(case.text), _LONGEST_SAID) != case.text:
+        if cut(first_line(case.text), _LONGEST_FAILURE) != case.text:
             texts.setdefault(case.text, case.of)
-    return [(of, text.expandtabs(4).splitlines()) for text, of in texts.items()]
+    return [(message, text.expandtabs(4).splitlines()) for text, message in texts.items()]
 
 
 def _clock(began: float | None, time: float) -> str:
-    """A time of the run on the wall clock, in UTC: a colleague may be anywhere."""
+    """Return a time of the run on the wall clock, in UTC for readers in all time zones."""
     if began is None:
-        return "at a time that the journal does not tell"
+        return "at an unknown time"
     try:
         return f"{datetime.fromtimestamp(began + time, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
-        return "at a time that makes no sense"
+        return "at an impossible time"
 
 
 _LOOKS = {HANDLED: "s-handled", TaskState.RESOLVED: "s-resolved"}
-"""The classes of how tasks stand, where that is not their words."""
+"""By state of a task: its style, if that has another name."""
 
 
 _FATES = {Fate.DEALT_WITH: "s-resolved"}
+"""By fate of a failure: its style, if that is neither "good" nor "bad"."""
 
 
 def _environment() -> Environment:
-    """Everything that is put into the page is escaped, and has no characters that can't be seen."""
-    made = Environment(
+    """Return the template environment, which escapes all values and removes control characters."""
+    built = Environment(
         loader=FileSystemLoader(_HERE),
         autoescape=True,
         finalize=_visible,
@@ -104,7 +116,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {
+    built.filters |= {
         "duration": duration,
         "run_time": run_time,
         "percent": percent,
@@ -112,11 +124,9 @@ def _environment() -> Environment:
         "looks": lambda standing: _LOOKS.get(standing, f"s-{standing}"),
         "short": lambda text, width=_LONGEST_TEXT: cut(first_line(str(text)), width),
     }
-    return made
+    return built
 
 
 def _visible(value: Any) -> Any:
-    """Foreign text without control characters, and without those that turn the direction of
-    writing.
-    """
+    """Return foreign text without control characters and changes of writing direction."""
     return value if isinstance(value, Markup) else printable(str(value))

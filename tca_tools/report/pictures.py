@@ -1,6 +1,4 @@
-"""The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy
-resources were.
-"""
+"""The pictures of a report, as SVG: the Gantt chart, and the use of resources."""
 
 from bisect import bisect_left
 from typing import NamedTuple
@@ -14,9 +12,9 @@ from tca_tools.report.contents import Contents
 from tca_tools.spans import Cover
 
 _BARS_AT_MOST = 2500
-"""A chart of more is of a part of the run."""
+"""The most bars of a chart; a run with more is shown in part."""
 _WIDEST = 1300.0
-"""Pixels of a plot, which is seen on most screens without scrolling."""
+"""Pixels: the width of a plot that fits most screens without scrolling."""
 _STRIPS, _CELLS = 24, 240
 
 
@@ -26,45 +24,46 @@ class Gantt(NamedTuple):
     chart: Chart
     pieces: Pieces
     why: str
-    """Why this part is shown, if it is one."""
+    """Why this part of the run is shown; "" for the whole run."""
 
 
 class Strip(NamedTuple):
-    """How busy a resource was, in equal parts of the run."""
+    """The use of a resource in equal parts of the run."""
 
     name: str
     cells: list[tuple[int, float]]
-    """Those that are not empty: the number of the part, and the busy share (0 to 1)."""
+    """The number and the busy share (0 to 1) of each part that is not idle."""
 
 
 def gantt(history: History, found: Contents) -> Gantt | None:
-    """The work of every module over the whole run, or in its most telling part; None if nothing was
-    handled.
+    """Return the chart of the run, or of its most important part if it is long.
+
+    Return None if no handler ran.
     """
     if not history.handlings and not history.queueings:
         return None
     drawing, why = chart(history), ""
     if len(history.handlings) + len(history.queueings) > _BARS_AT_MOST:
-        middle, why = _telling(found)
+        middle, why = _focus(found)
         drawing = chart(history, *_window(history, middle))
     return Gantt(drawing, pieces_of(drawing, widest=_WIDEST), why)
 
 
-def _telling(found: Contents) -> tuple[float, str]:
-    """The time to look at, and why."""
+def _focus(found: Contents) -> tuple[float, str]:
+    """Return the time around which a long run is shown, and why."""
     cases = [case for kind in found.kinds for case in kind.cases]
     bad = [case for case in cases if case.fate not in GOOD_FATES]
     if bad:
         first = min(bad, key=lambda case: case.time)
-        why = f"around the first failure that was not overcome, of {first.of}"
+        why = f"around the first failure that was not dealt with, of {first.of}"
         return first.time, why
     if found.advice and (window := found.advice[0].window):
         return window[0], "around the example of the first advice below"
-    return found.summary.start, "where the run begins"
+    return found.summary.start, "at the start of the run"
 
 
 def _window(history: History, middle: float) -> tuple[float, float]:
-    """Times around *middle* between which about so many bars begin as a chart may have."""
+    """Return a span around *middle* with about as many bars as a chart may have."""
     starts = [handling.start for handling in history.handlings if handling.delivery]
     place = bisect_left(starts, middle)
     first = max(place - _BARS_AT_MOST // 8, 0)
@@ -74,9 +73,9 @@ def _window(history: History, middle: float) -> tuple[float, float]:
 
 
 def strips(history: History, found: Contents) -> list[Strip]:
-    """The busiest resources, each with its busy share along the run."""
+    """Return the busiest resources, each with its busy share in each part of the run."""
     start, length = found.summary.start, found.summary.seconds / _CELLS
-    made: list[Strip] = []
+    built: list[Strip] = []
     for use in found.uses[:_STRIPS]:
         runs = history.runs.get(use.key, [])
         if not runs or length <= 0:
@@ -89,5 +88,5 @@ def strips(history: History, found: Contents) -> list[Strip]:
             share = cover.within(since, since + length) / length
             if share > 0.004:
                 cells.append((n, round(min(share, 1.0), 2)))
-        made.append(Strip(use.name, cells))
-    return made
+        built.append(Strip(use.name, cells))
+    return built

@@ -1,6 +1,4 @@
-"""The task tree of a report: the rows of an outline, how they nest in a page, and which are
-unfolded.
-"""
+"""The task tree of a report: the rows, their nesting in the page, and the unfolded tasks."""
 
 from dataclasses import dataclass
 
@@ -13,11 +11,11 @@ from tca_wire.points import Interval
 
 SHOWN_AT_MOST = 800
 _BESIDE_AT_MOST = 200
-"""Of more tasks side by side, long runs of one state are folded."""
+"""The most siblings before successive ones of one state are folded."""
 DEEPEST = 40
-"""Deeper tasks nest no further: browsers don't."""
+"""The greatest depth of nesting, which browsers limit."""
 _ALL_OPEN = 60
-"""A tree of no more tasks is shown unfolded."""
+"""The most tasks of a tree that is shown unfolded."""
 
 
 @dataclass(frozen=True)
@@ -26,15 +24,18 @@ class Tree:
 
     at: RunAt
     below: dict[int, list[Row]]
-    """The rows that nest in the page in that of a number; in -1 those at the top."""
+    """By number of a row: the rows that nest in it; -1 has the top rows."""
     opened: set[int]
     """The tasks that are shown unfolded."""
     shown: int
+    """The number of tasks with a row."""
 
 
 def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
-    """The rows: what failed, lives or was killed for a reason of its own, with all that it is
-    under, then others.
+    """Return the rows of a report's tree.
+
+    Failed and open tasks, and those killed for a reason of their own, come first, with their
+    ancestors; others follow while there is room.
     """
     at = RunAt(run)
     whole = outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most))
@@ -50,7 +51,7 @@ def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
 
 
 def _with_trouble(at: RunAt) -> set[int]:
-    """Failed and living tasks, and all that they are under: these are unfolded."""
+    """Return the failed and open tasks with their ancestors, which are unfolded."""
     found: set[int] = set()
     for number in reversed(list(at.tasks)):  # children come before their parents
         state = at.tasks[number].state
@@ -60,7 +61,7 @@ def _with_trouble(at: RunAt) -> set[int]:
 
 
 def spans(task: TaskAt) -> str:
-    """``planning 1.00-1.50, achieving 1.50- s``."""
+    """Return ``planning 1.00-1.50, achieving 1.50- s``."""
     intervals = (Interval.PLANNING, Interval.ACHIEVING)
-    told = [f"{one} {times}" for one in intervals if (times := words.times(task, one))]
-    return ", ".join(told) + " s" * bool(told)
+    parts = [f"{one} {times}" for one in intervals if (times := words.times(task, one))]
+    return ", ".join(parts) + " s" * bool(parts)

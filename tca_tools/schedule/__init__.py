@@ -1,1 +1,1 @@
-"""What the agents of a coordinator did when: several runs one above the other."""
+"""Schedules of the agents of coordinators, with several runs one above the other."""

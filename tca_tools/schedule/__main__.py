@@ -1,6 +1,4 @@
-"""``tca schedule``: what the agents of a coordinator did when, of several runs one above the
-other.
-"""
+"""``tca schedule``: what the agents of a coordinator did when, for one or more runs."""
 
 from pathlib import Path
 
@@ -28,23 +26,23 @@ _KINDS = (".svg", ".png", ".pdf", ".txt")
 @output_option(".svg, .png, .pdf or .txt")
 @force_option
 def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -> None:
-    """Show what the agents of coordinators with a preview did when, on one axis.
+    """Show what the agents of coordinators with a preview did when.
 
-    LOG is a journal directory or one of its segments.
+    LOG is a journal directory or one of its segments. Several runs share one time axis.
     """
     check_output(output, _KINDS, force=force)
     journals = [open_log(path) for path in log_paths]
-    some: list[Chart] = []
+    charts: list[Chart] = []
     for journal in journals:
         found = schedules(folded(journal), journal.name)
         if not found:
-            raise NotInLog(f"{journal.path}: no coordinator has begun a task in this run")
-        some += found
+            raise NotInLog(f"{journal.path}: no coordinator has started a task in this run")
+        charts += found
     if output is None or output.suffix == ".txt":
-        lines = schedule_lines(some, width_for(output), blocks_for(output))
+        lines = schedule_lines(charts, width_for(output), blocks_for(output))
         show_text("\n".join(lines), output)
     else:
-        write_svg(output, svg_text(some))
+        write_svg(output, svg_text(charts))
     for journal in journals:
         journal.check()
 

@@ -1,7 +1,6 @@
-"""From a run to the schedules of its coordinators: for each agent its tasks, and the gaps in which
-it waits. Pure.
+"""Build the schedules of a run's coordinators: the tasks of each agent, and the gaps between them.
 
-Times are seconds since the coordinator's first task began.
+Times are seconds since the start of the coordinator's first task.
 """
 
 from collections.abc import Iterator
@@ -32,51 +31,52 @@ LEGEND: dict[str, str] = {
 
 
 def schedules(run: Run, name: str) -> list[Chart]:
-    """The schedules of all coordinators of the run *name* that have begun a task."""
-    made = [(task, _schedule(run, record)) for task, record in coordinators(run)]
-    found = [(task, one) for task, one in made if one]
-    for task, one in found:
-        one.title = f"{name}, {task}" if len(found) > 1 else name
-    return [one for _, one in found]
+    """Return the schedules of all coordinators of the run *name* that have started a task."""
+    built = [(task, _schedule(run, record)) for task, record in coordinators(run)]
+    found = [(task, chart) for task, chart in built if chart]
+    for task, chart in found:
+        chart.title = f"{name}, {task}" if len(found) > 1 else name
+    return [chart for _, chart in found]
 
 
-def heading(one: Chart, longest: float) -> str:
-    """``free: 20 s, 65%``."""
-    return f"{one.title}: {duration(one.end)}, {percent(one.end / longest)}"
+def heading(chart: Chart, longest: float) -> str:
+    """Return ``free: 20 s, 65%``."""
+    return f"{chart.title}: {duration(chart.end)}, {percent(chart.end / longest)}"
 
 
 def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
     sent = record.tasks.values()
-    spans = {one.id: span for one in sent if (span := worked(run, run.tasks[one.id]))}
+    spans = {task.id: span for task in sent if (span := worked(run, run.tasks[task.id]))}
     if not spans:
         return None
     start = min(start for start, _ in spans.values())
     seconds = max(end for _, end in spans.values()) - start
-    begun = [one for one in sent if one.id in spans]
-    boxes = {one.id: _box(run, one, spans[one.id], start) for one in begun}
+    begun = [task for task in sent if task.id in spans]
+    boxes = {task.id: _box(run, task, spans[task.id], start) for task in begun}
     rows = []
     for agent in record.chart.agents:
-        whose = [boxes[one.id] for one in begun if f"+{agent}+" in f"+{one.agent}+"]
-        rows.append(ResourceRow(agent, handled=[*whose, *_gaps(whose, seconds)]))
+        # A task of several agents ("base+arm") is in the row of each.
+        own = [boxes[task.id] for task in begun if f"+{agent}+" in f"+{task.agent}+"]
+        rows.append(ResourceRow(agent, handled=[*own, *_gaps(own, seconds)]))
         rows[-1].lay_out(0.0, seconds)
     notes = [printable(str(why)) for why in record.late()]
     return Chart(0.0, seconds, rows, [], notes=notes)
 
 
-def _box(run: Run, one: SentByCoordinator, span: Span, zero: float) -> Bar:
-    task, start, end = run.tasks[one.id], span[0] - zero, span[1] - zero
+def _box(run: Run, sent: SentByCoordinator, span: Span, zero: float) -> Bar:
+    task, start, end = run.tasks[sent.id], span[0] - zero, span[1] - zero
     values = _values(task)
-    words = "undo " * (one.role() is TaskRole.RESTORING) + task.name
+    words = "undo " * (sent.role() is TaskRole.RESTORING) + task.name
     words += f"({values})" * bool(values)
-    title = partial(_title, task, one, start, end)
-    box = Bar(words, start, end, title, is_open=not task.has_ended, brief=values)
-    if one.is_early:
-        box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted
+    title = partial(_title, task, sent, start, end)
+    box = Bar(words, start, end, title, is_open=not task.has_ended, short_label=values)
+    if sent.is_early:
+        box.early_until, box.is_wasted = sent.entered - zero, sent.is_wasted
     return box
 
 
 def _values(task: Task) -> str:
-    """Its data in brief: ``box B, 0.5``."""
+    """Return the data of a task in short: ``box B, 0.5``."""
     data = plain_data(task.body)
     if data is None:
         return ""
@@ -84,16 +84,16 @@ def _values(task: Task) -> str:
     return printable(", ".join(map(str, values)))
 
 
-def _title(task: Task, one: SentByCoordinator, start: float, end: float) -> str:
-    """``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.800 s to 1.005 s``."""
-    standing = STANDINGS.get(one.role(), "")
+def _title(task: Task, sent: SentByCoordinator, start: float, end: float) -> str:
+    """Return ``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.8 s to 1 s``."""
+    standing = STANDINGS.get(sent.role(), "")
     return (
-        f"{task} for the state '{one.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
+        f"{task} for the state '{sent.state}'{standing and f' ({standing})'}, {from_to(start, end)}"
     )
 
 
 def _gaps(boxes: list[Bar], seconds: float) -> Iterator[Bar]:
-    """The times at which an agent has no task."""
+    """Yield the spans in which an agent has no task."""
     last = 0.0
     for start, end in [*sorted((box.start, box.end) for box in boxes), (seconds, seconds)]:
         if start > last:

@@ -1,4 +1,4 @@
-"""Schedules as a picture, as figure 7 of the paper on preview coordination has them."""
+"""Schedules as a picture, like figure 7 of the paper on preview coordination."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ _PLOT, _LANE, _BLOCK, _TITLE = 1000.0, 28.0, 18.0, 22.0
 _BOX = _LANE - 4
 _TENTHS = 10
 _NOTE = 150
-"""Characters in a line below the rows."""
+"""The most characters in a line below the rows."""
 _LOOKS: dict[str, str] = {
     BarKind.HANDLED: 'class="box"',
     TaskRole.AHEAD: 'class="ahead"',
@@ -27,29 +27,29 @@ _LOOKS: dict[str, str] = {
 _STYLE = Path(__file__).with_name("schedule.css").read_text()
 
 
-def svg_text(some: Sequence[Chart]) -> str:
-    """The whole picture, as a document of its own."""
-    longest = max(one.end for one in some)
-    left = MARGIN + 12 + max(width_of(row.label) for one in some for row in one.rows)
+def svg_text(charts: Sequence[Chart]) -> str:
+    """Return the schedules as an SVG document."""
+    longest = max(chart.end for chart in charts)
+    left = MARGIN + 12 + max(width_of(row.label) for chart in charts for row in chart.rows)
     scale, width = Scale(_PLOT, 0.0, longest), left + _PLOT + MARGIN * 2
     items = [(_LOOKS[kind], meaning) for kind, meaning in LEGEND.items()]
     body, y = legend(items, width, MARGIN - 8)
-    for one in some:
+    for chart in charts:
         y += _BLOCK
-        body.append(words("block", left, y, heading(one, longest)))
+        body.append(words("block", left, y, heading(chart, longest)))
         y += _TITLE - 13
-        for row in one.rows:
+        for row in chart.rows:
             body.append(words("label", left - 8, y + 16, row.label))
             for box in sorted(row.handled, key=_is_task):  # frames of tasks lie over those of gaps
                 body += _box(box, scale, left, y + box.lane * _LANE)
             y += _LANE * row.lanes
-        for said in [said for note in one.notes for said in wrap(note, _NOTE)]:
-            body.append(words("faint", left, y + 12, said))
+        for part in [part for note in chart.notes for part in wrap(note, _NOTE)]:
+            body.append(words("faint", left, y + 12, part))
             y += _BLOCK
         y += 13
     body += _axis(scale, left, y - 11)
     body.append(HATCHINGS)
-    title = ", ".join(one.title for one in some)
+    title = ", ".join(chart.title for chart in charts)
     return document(width, y + MARGIN + 12, title, _STYLE, body)
 
 

@@ -1,4 +1,4 @@
-"""Schedules as text: a line for each agent, on one axis for all runs."""
+"""Schedules as text: a line for each agent, with one time axis for all runs."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -13,13 +13,13 @@ from tca_wire.text.printable import printable
 _QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def schedule_lines(some: list[Chart], width: int, blocks: dict[str, str]) -> Iterator[str]:
-    """The schedules, line by line, in *width* columns."""
-    page, longest = TextPage(some, width, blocks), max(one.end for one in some)
-    for one in some:
-        yield cut(printable(heading(one, longest)), width)
-        yield from page.rows(one)
-        for note in one.notes:
+def schedule_lines(charts: list[Chart], width: int, blocks: dict[str, str]) -> Iterator[str]:
+    """Yield the lines of schedules, in *width* columns."""
+    page, longest = TextPage(charts, width, blocks), max(chart.end for chart in charts)
+    for chart in charts:
+        yield cut(printable(heading(chart, longest)), width)
+        yield from page.rows(chart)
+        for note in chart.notes:
             yield from wrap(note, width, initial_indent="  ", subsequent_indent="    ")
     times = [(share, share * longest) for share in _QUARTERS]
     marks = [(time, f"{share:.0%} {duration(time)}") for share, time in times]

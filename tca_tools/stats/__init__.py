@@ -1,1 +1,1 @@
-"""How many messages there were, how long they took and waited, and how busy the resources were."""
+"""Statistics of a run: the number of messages, their times and waits, and the use of resources."""

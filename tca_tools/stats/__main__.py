@@ -1,4 +1,4 @@
-"""``tca stats``: how many messages, how long they took, how busy the resources were."""
+"""``tca stats``: the number of messages, their times, and the use of resources."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
     "queued": lambda stats: sum(stats.queued.seconds),
     "busy": lambda stats: sum(stats.handling.seconds),
 }
-"""The figures by which messages may be sorted, the largest first."""
+"""By name of an order: its figure, which sorts messages from the largest on."""
 
 
 @click.command()
@@ -34,18 +34,23 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
     "start",
     metavar="SECONDS",
     type=MOMENT,
-    help="Only what was sent or begun from there on.",
+    help="Count only what was sent or started since then.",
 )
-@click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what was known then.")
+@click.option(
+    "--to", "end", metavar="SECONDS", type=MOMENT, help="Count only what was known by then."
+)
 @click.option(
     "--sort",
     type=click.Choice(["name", *SORTS]),
     default="sent",
     show_default=True,
-    help="By number, by name, by failed runs; by the p99 of the three times; by all time queued, or handled.",
+    help=(
+        "Sort by name, messages sent, failed runs, the p99 of one of the three times, "
+        "or the total time queued or handled (busy)."
+    ),
 )
 @click.option(
-    "--json", "as_json", is_flag=True, help="As JSON, with more figures; times in seconds."
+    "--json", "as_json", is_flag=True, help="Print JSON, with more figures; times in seconds."
 )
 def stats(
     log_path: Path | None, start: float | None, end: float | None, sort: str, as_json: bool
@@ -53,20 +58,21 @@ def stats(
     """Count messages, and measure how long they took and waited.
 
     \b
-    sent to start  from when a message was sent until its handler began
-    runs failed    how often handlers failed, whatever became of that
-    handling       how long handlers ran
-    sent to end    until the sender had the answer, or the task was achieved;
-                   what was killed, failed or was dropped is not among them
+    sent to start  from sending a message to the start of its handler
+    runs failed    handlers that failed, even if the failure was dealt with
+    handling       the durations of handlers
+    sent to end    until the sender has the answer, or the task is achieved;
+                   without killed, failed and dropped messages
     busy           the share of a resource's slots that ran handlers, from the
                    first task to the end of the last (or from --from on)
-    waiting        the share of that in which these waited themselves
-    queued         waits for a slot, or a handler; open: those that go on,
-                   which count until the end or now (+: at least so long)
+    waiting        the share of this time in which the handlers waited
+    queued         waits for a slot or a handler; open: those that have not
+                   ended, counted until the end or now (+: at least)
 
-    p50 and p99 are exact: half of the times, or 99 in 100, are no longer. LOG is a journal directory or one of its
-    segments; without it, the newest run is measured.
-    """  # noqa: D301 - click wants the character itself
+    p50 and p99 are exact: half of the times, or 99 in 100, are no longer.
+
+    LOG is a journal directory or one of its segments; the default is the newest run.
+    """  # noqa: D301 - click interprets the character itself
     journal = open_log(log_path)
     run = folded(journal, end)
     check_span(start, run.time)
@@ -93,15 +99,15 @@ def _plain(name: str, measured: Stats) -> dict[str, Any]:
         "busy_to": measured.busy_in[1],
         "deadlocks": measured.deadlocks,
         "messages": [
-            {**_row(one), "rate": one.sent / seconds if seconds else None}
-            for one in measured.messages
+            {**_row(stats), "rate": stats.sent / seconds if seconds else None}
+            for stats in measured.messages
         ],
         "resources": [_row(stats) for stats in measured.resources],
     }
 
 
 def _row(stats: MessageStats | ResourceStats) -> dict[str, Any]:
-    """All fields of a message or resource."""
+    """Return all fields of a message or resource."""
     row: dict[str, Any] = {}
     for name in stats.__slots__:
         value = getattr(stats, name)
@@ -123,7 +129,7 @@ def _plain_times(times: Times) -> dict[str, Any]:
     shares = {f"p{share}": times.percentile(share) for share in (50, 90, 99)}
     return {
         "count": len(times.seconds),
-        "open": len(times.going_on),
+        "open": len(times.open_times),
         "total": sum(times.seconds),
         **shares,
         "max": times.percentile(100),

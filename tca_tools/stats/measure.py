@@ -1,4 +1,4 @@
-"""Counts and times of a run, or of a part of it. Pure; percentiles are exact (nearest rank)."""
+"""Counts and times of a run, or of a part of it. Percentiles are exact (nearest rank)."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -15,26 +15,24 @@ from tca_wire.vocabulary import MessageClass, Outcome
 
 @dataclass(slots=True)
 class Times:
-    """How long something took, each time, in seconds."""
+    """Durations in seconds."""
 
     seconds: list[float] = field(default_factory=list)
-    going_on: list[float] = field(default_factory=list)
-    """Those of them that went on at the end, until which they count."""
+    open_times: list[float] = field(default_factory=list)
+    """The durations that had not ended, counted until the end of the run."""
 
     def add(self, start: float, end: float, now: float) -> None:
-        """Add what lasted so long, or goes on *now*."""
+        """Add the duration from *start* to *end*; until *now* if the end is later."""
         self.seconds.append(min(end, now) - start)
         if end > now:
-            self.going_on.append(now - start)
+            self.open_times.append(now - start)
 
     def is_at_least(self, seconds: float) -> bool:
-        """Whether a percentile of this length may grow, because something goes on."""
-        return any(one <= seconds for one in self.going_on)
+        """Whether a percentile of *seconds* may grow, as a duration up to it has not ended."""
+        return any(time <= seconds for time in self.open_times)
 
     def percentile(self, share: float) -> float | None:
-        """The least of them that so many percent are no longer than; None if there are none. They
-        must be sorted.
-        """
+        """Return the percentile *share* (0 to 100) of the sorted durations; None without any."""
         if not self.seconds:
             return None
         return self.seconds[max(ceil(share / 100 * len(self.seconds)), 1) - 1]
@@ -42,53 +40,54 @@ class Times:
 
 @dataclass(slots=True)
 class MessageStats:
-    """All messages of one name."""
+    """The figures of all messages of one name."""
 
     message: str
     message_class: str = ""
     sent: int = 0
-    """Those that were sent directly are among them."""
+    """The number sent, with direct ones."""
     direct: int = 0
+    """The number sent directly, without central."""
     handled: int = 0
-    """How often a handler ended."""
+    """The number of handler runs that have ended."""
     failed_runs: int = 0
-    """How often a handler failed, whatever became of that."""
+    """The number of handler runs that failed, even if the failure was dealt with."""
     failed: int = 0
-    """How many ended so: tasks in the state "failed", and others that were not handled again."""
+    """The number of tasks in the state "failed", and of other messages whose last run failed."""
     resolved: int = 0
-    """How many tasks are done after a failure."""
+    """The number of tasks that are done after a failure."""
     killed: int = 0
-    """How many tasks are in the state "killed"."""
+    """The number of tasks in the state "killed"."""
     dropped: int = 0
-    """How many came to nothing; of what goes to many how often one receiver did not get it, too."""
+    """The number dropped, and for copies the number of receivers that did not get one."""
     open: int = 0
-    """How many were neither answered, achieved nor given up at the end."""
+    """The number not answered, achieved or given up at the end."""
     to_start: Times = field(default_factory=Times)
-    """From when it was sent until its handler began first."""
+    """From sending to the first start of the handler."""
     handling: Times = field(default_factory=Times)
-    """Each run of its handler."""
+    """The runs of the handler."""
     to_end: Times = field(default_factory=Times)
-    """From when it was sent until its sender had the answer, or it was achieved."""
+    """From sending to the answer, or to the achievement of the task."""
     queued: Times = field(default_factory=Times)
-    """Each wait for a resource, or for a module that handles it."""
+    """The waits for a resource, or for a module that handles it."""
 
     @property
     def is_of_tasks(self) -> bool:
-        """Whether these are goals, commands or monitors."""
+        """Whether the messages are goals, commands or monitors."""
         return bool(self.message_class) and MessageClass(self.message_class).is_task
 
 
 @dataclass(slots=True)
 class ResourceStats:
-    """One resource of a module; the module "" has what nobody handled."""
+    """The figures of a resource; the module "" has the queue of messages without a handler."""
 
     module: str
     resource: str
     capacity: int = 0
-    """The largest that it had."""
+    """The greatest capacity during the run."""
     handled: int = 0
     use: Use | None = None
-    """How busy it was between the times of ``Stats.busy_in``; None if it was not used."""
+    """Its use during ``Stats.busy_in``; None if it was not used."""
     queued: Times = field(default_factory=Times)
     longest_queue: int = 0
 
@@ -100,35 +99,37 @@ class Stats:
     start: float
     end: float
     is_live: bool
-    """Whether the run goes on after the end."""
+    """Whether the run has not ended."""
     messages: list[MessageStats]
     resources: list[ResourceStats]
     busy_in: Span
-    """The times of the figures of busy resources: as in reports, from the first task to the end of
-    the last; of a part of the run, that part.
+    """The span for the use of resources: the measured part of the run.
+
+    For the whole run, it goes from the first task to the end of the last, as in reports.
     """
     deadlocks: int
-    """How often somebody was refused to wait, since that would have been a deadlock."""
+    """The number of waits that were refused because of a deadlock."""
 
 
 def measure(run: Run, start: float | None = None) -> Stats:
-    """The figures from *start* (default: the first entry) on: of the messages sent since then, and
-    of all that ran.
+    """Return the figures of a run, or of its part from *start* on.
+
+    A part has the messages sent since then, and the handler runs started since then.
     """
-    first = (run.clock[0] if run.clock else 0.0) if start is None else start
+    first = _start_of(run) if start is None else start
     busy_in = span_of(run) if start is None else (first, run.time)
     messages: dict[str, MessageStats] = {}
     resources = _resources(run, busy_in)
     for message in run.messages.values():
         if message.received >= first:
-            _count(run, _of(run, messages, message.name), message)
+            _count(run, _stats_of(run, messages, message.name), message)
     for handling in run.handlings:
         if handling.start >= first:
-            _count_handling(_of(run, messages, handling.name), handling)
+            _count_handling(_stats_of(run, messages, handling.name), handling)
             resources[handling.module, handling.resource].handled += 1
     for drop in run.drops:
         if drop.time >= first and drop.name and (drop.is_copy or not drop.message_id):
-            _count_drop(_of(run, messages, drop.name), drop)
+            _count_drop(_stats_of(run, messages, drop.name), drop)
     _add_queues(run, messages, resources, first)
     for stats in messages.values():
         for times in (stats.to_start, stats.handling, stats.to_end, stats.queued):
@@ -138,7 +139,11 @@ def measure(run: Run, start: float | None = None) -> Stats:
     return Stats(first, run.time, run.is_live, *found, busy_in, deadlocks)
 
 
-def _of(run: Run, messages: dict[str, MessageStats], name: str) -> MessageStats:
+def _start_of(run: Run) -> float:
+    return run.clock[0] if run.clock else 0.0
+
+
+def _stats_of(run: Run, messages: dict[str, MessageStats], name: str) -> MessageStats:
     if name not in messages:
         declared = run.formats.get(name)
         kind = str(declared.message_class) if declared else ""
@@ -165,28 +170,27 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
         if message.handlings:
             has_failed = message.handlings[-1].outcome is Outcome.FAILED
         stats.failed += has_failed
-        stats.open += end is None and not message.dropped and _goes_on(run, message)
+        stats.open += end is None and not message.dropped and _is_open(run, message)
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
 
 
 def _count_drop(stats: MessageStats, drop: Drop) -> None:
-    """What one receiver did not get of a message, or direct messages, which have no record of their
-    own.
-    """
+    """Count a dropped copy, or dropped direct messages, which have no record of their own."""
     stats.dropped += drop.number
     if not drop.message_id:
         stats.sent += drop.number
         stats.direct += drop.number
 
 
-def _goes_on(run: Run, message: Message) -> bool:
-    """Whether its handler has still to end; of a broadcast or variable that of one of its copies.
-    What a lost module had ahead fails without one.
+def _is_open(run: Run, message: Message) -> bool:
+    """Whether a message's handler has not ended; for a broadcast or variable, that of a copy.
+
+    A message that a lost module had prefetched fails without a handler.
     """
     if message.message_class.fans_out and not message.message_class.has_reply:
         handlings = *run.copies.get(message.id, ()), *message.handlings
-        return any(one.end is None for one in handlings)
+        return any(handling.end is None for handling in handlings)
     if message.handlings:
         return message.handlings[-1].end is None
     return not message.failure
@@ -205,7 +209,7 @@ def _count_handling(stats: MessageStats, handling: Handling) -> None:
 
 
 def _resources(run: Run, busy_in: Span) -> dict[Key, ResourceStats]:
-    """All resources, without what depends on single messages."""
+    """Return all resources, without the figures that depend on single messages."""
     used = {use.key: use for use in uses(run, *busy_in)}
     found: dict[Key, ResourceStats] = {}
     for module in run.modules.values():
@@ -218,7 +222,7 @@ def _resources(run: Run, busy_in: Span) -> dict[Key, ResourceStats]:
 def _add_queues(
     run: Run, messages: dict[str, MessageStats], resources: dict[Key, ResourceStats], first: float
 ) -> None:
-    """The waits for resources and handlers."""
+    """Add the waits for resources and handlers."""
     spans: dict[Key, list[Span]] = defaultdict(list)
     for wait in run.queueings:
         if (message := run.messages.get(wait.message_id)) is not None:
@@ -227,8 +231,8 @@ def _add_queues(
             spans[key].append((max(wait.start, first), max(wait.until, first)))
             if wait.start >= first:
                 stats.queued.add(wait.start, wait.until, run.time)
-                of_message = _of(run, messages, message.name)
+                of_message = _stats_of(run, messages, message.name)
                 of_message.queued.add(wait.start, wait.until, run.time)
-    for key, some in spans.items():
-        resources[key].longest_queue = most_at_once(some)
+    for key, waits in spans.items():
+        resources[key].longest_queue = most_at_once(waits)
         resources[key].queued.seconds.sort()

@@ -8,10 +8,17 @@ from typing import NamedTuple
 from tca_tools.explain.deciding import called_for, calls, decider, retried
 from tca_tools.explain.graph import Ends
 from tca_tools.explain.story import NOT_HANDLED
-from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
+from tca_tools.explain.wait_words import age_of, how, in_the_end, named_waits_now, shown
 from tca_tools.explain.waits import killed_at
 from tca_tools.journal.at_time import RunAt, TaskAt
-from tca_tools.journal.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
+from tca_tools.journal.fates import (
+    ENDED_TASKS,
+    UNDECIDED,
+    Fate,
+    fate,
+    is_reported,
+    retried_ancestor,
+)
 from tca_tools.journal.records import DONE, OVER, Failure, Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.messages.failures import TIMEOUT
@@ -162,7 +169,7 @@ def _with_why(time: float, depth: int, what: str, why: str, more: str = "") -> L
 def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
     """The fate by *moment* of a task above it that was handled again for its failure."""
     failed = max((time for time, _ in task.failures if time <= moment), default=inf)
-    above = begun_again_with(run, task, failed, moment)
+    above = retried_ancestor(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
         text = f"{above}, handled again: {state}"
         yield Link(_newest_state(above, moment), depth, text)
@@ -208,7 +215,7 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the failure of one, of which its asker was told by then, is that of the other."""
     told = [one for one in cause.failures if one[0] <= until]
     if not isinstance(cause, Task):
-        told = [one for one in told if is_told(run, cause, one[0])]
+        told = [one for one in told if is_reported(run, cause, one[0])]
     names = {failure.name for _, failure in told}
     return any(name in text for _, text in failed.failures for name in names)
 
@@ -243,7 +250,7 @@ def _out_of_time(
             how_long = duration(one.end - one.start)
             yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
     if age := age_of(waits := shown(at, task)):
-        end, told = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
+        end, told = in_the_end(at, task, _FAR), several_in_words(named_waits_now(at, task, waits))
         how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
         yield age.since, False, f"{task} {how(task, verb='waited')} {told}{how_long}"
     yield from _had_by(at, task, failed)

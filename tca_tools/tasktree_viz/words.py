@@ -15,8 +15,8 @@ from tca_tools.explain.wait_words import (
     coming,
     how,
     in_the_end,
+    named_waits_now,
     shown,
-    told_now,
 )
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import STANDINGS
@@ -142,7 +142,7 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         return TaskNote(failure_line(task.failure) or _why_killed(at, task))
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
-    told = told_now(at, task, waits)
+    told = named_waits_now(at, task, waits)
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
         failed = _joined(": ", "killed", _why_killed(at, task))

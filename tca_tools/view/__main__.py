@@ -44,7 +44,7 @@ def view(
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
     log = open_log(log_path)
     log.check_beginning()
-    log.tell()
+    log.print_remarks()
     runs = Runs(log, follows=log_path is None)
     with listening(host, port) as door:
         steering = Steering(central) if host == LOCAL and not read_only else None

@@ -11,9 +11,9 @@ from typing import Any
 
 from tca_tools.explain.graph import Cause, causes, held_above
 from tca_tools.explain.story import NOT_HANDLED, Sentence, story
-from tca_tools.explain.wait_words import age_of, coming, how, last_of, shown, told_now
+from tca_tools.explain.wait_words import age_of, coming, how, last_of, named_waits_now, shown
 from tca_tools.journal.at_time import RunAt, TaskAt
-from tca_tools.journal.fates import Fate, coped_with, fate, told_to
+from tca_tools.journal.fates import Fate, describe_asker, fate, has_run_survived
 from tca_tools.journal.records import OVER, Hold, Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -123,9 +123,9 @@ def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     became = fate(run, message, time, moment) if failure else None
     return {
         "failure": printable_lines(failure),
-        "handled": coped_with(run, message, moment),
+        "handled": has_run_survived(run, message, moment),
         "replaced": became in (Fate.REPLACED, Fate.RETRIED),
-        "told": told_to(run, message, time, moment) if failure else "",
+        "told": describe_asker(run, message, time, moment) if failure else "",
     }
 
 
@@ -137,7 +137,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
     groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
     told = []
     for some in groups:
-        text = f"{how(task)} {several_in_words(told_now(at, task, some))}"
+        text = f"{how(task)} {several_in_words(named_waits_now(at, task, some))}"
         told.append({"text": text, "since": max(one.start for one in some)})
     age = age_of(waits) or note.age
     if age and not waits:

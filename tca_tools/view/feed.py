@@ -334,7 +334,7 @@ class Feed:
         lanes, lane = None, 0
         if within < 0 and kind in LANES_OF:
             lanes = self._lanes.setdefault((row, LANES_OF[kind]), Lanes())
-            lane = lanes.take(start)
+            lane = lanes.assign(start)
         number = self._add("span", row, kind, name, message, within, lane, start)
         self._open[key] = number, lanes, lane
         if kind in (SpanKind.HANDLING, SpanKind.QUEUED):
@@ -347,7 +347,7 @@ class Feed:
             number, lanes, lane = self._open.pop(key)
             self._add("end", number, time, outcome)
             if lanes is not None:
-                lanes.leave(lane, time)
+                lanes.release(lane, time)
 
 
 _TELL = takers(Feed, parameter="record")

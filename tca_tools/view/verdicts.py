@@ -4,13 +4,13 @@ journal/fates.py decides.
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.journal.fates import Failing, hinges, went_on
+from tca_tools.journal.fates import Failing, run_continued, undecided_by
 from tca_tools.journal.whole_run import Run
 
 
 class Verdicts:
     """Failures by their numbers. Each is looked at again only when something changes on which its
-    verdict hinges.
+    verdict undecided_by.
     """
 
     def __init__(self, run: Run) -> None:
@@ -43,11 +43,11 @@ class Verdicts:
                 yield from self._look_at(number, *self._failures[number])
 
     def _look_at(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
-        is_good = went_on(self._run, failed, time)
+        is_good = run_continued(self._run, failed, time)
         if is_good != (number in self._good):
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
-        open_still = hinges(self._run, failed, time)
+        open_still = undecided_by(self._run, failed, time)
         for record in open_still:
             self._on_change.setdefault(id(record), {})[number] = None
         if not open_still:

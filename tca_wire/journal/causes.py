@@ -39,8 +39,8 @@ class ConnectionLost(_Cause, frozen=True, tag="lost"):
     connection: int
 
 
-class Keeper(_Cause, frozen=True, tag="keeper"):
+class Administrator(_Cause, frozen=True, tag="keeper"):
     """Whoever runs central did something: it was started again, or keys have changed."""
 
 
-Cause = Request | TimeOver | ConnectionLost | Keeper
+Cause = Request | TimeOver | ConnectionLost | Administrator

@@ -9,7 +9,7 @@ from tca_wire.packets.codec import pack_item
 from tca_wire.packets.headers import Beat, Receipt
 
 WINDOW = 1 << 20
-TOLD_AFTER = 256 << 10
+REPORTED_AFTER = 256 << 10
 
 _BEAT = pack_item(Beat())
 
@@ -24,7 +24,7 @@ class Receipts:
         """What to send after this packet has been read: most times nothing."""
         if packet != _BEAT:
             self._read += len(packet)
-        return pack_item(Receipt(self._read)) if self._read >= TOLD_AFTER else b""
+        return pack_item(Receipt(self._read)) if self._read >= REPORTED_AFTER else b""
 
     def sent(self) -> None:
         """That has left."""

@@ -59,7 +59,7 @@ def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
     )
 
 
-def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
+def late_objections(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
     """The objections that held until a transition: to the activity of the state that is entered;
     and that nothing was foreseen, if an activity was done then.
     """

@@ -10,7 +10,7 @@ from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.journal.causes import Cause, ConnectionLost, Keeper, TimeOver
+from tca_wire.journal.causes import Administrator, Cause, ConnectionLost, TimeOver
 from tca_wire.points import ROOT, Point, describe_moments
 from tca_wire.text.measures import duration
 from tca_wire.vocabulary import CENTRAL, Due, Scope
@@ -65,7 +65,7 @@ class Wording:
             return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
-        if isinstance(cause, Keeper):
+        if isinstance(cause, Administrator):
             return "whoever runs central"
         handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
         return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"

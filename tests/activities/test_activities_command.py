@@ -30,15 +30,13 @@ def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon:
         assert (
             said(daemon.address)
-            == "Error: central knows no application: start its program, with a Manager"
+            == "Error: central knows no application: start a program that has a Manager"
         )
         module = Module("robot", daemon.address)
         for name in ("arm", "base"):
             Manager(Application(name)).handle_in(module)
         with module.running():
-            assert said(daemon.address).endswith(
-                "several applications: give the name of one of 'arm', 'base'"
-            )
+            assert said(daemon.address).endswith("several applications: name one of 'arm', 'base'")
             assert said(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )
@@ -109,7 +107,7 @@ def test_a_page_tells_that_an_application_stands_still(
             until_told(
                 live,
                 "lost",
-                "'arm' has told nothing for more than 2.5 s: its program stands still, or is held",
+                "'arm' has sent no report for more than 2.5 s: its program hangs or is delayed",
             )
             is_drawn.set()
             end = time.monotonic() + 30

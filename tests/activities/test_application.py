@@ -184,9 +184,7 @@ def test_an_activity_may_stop_the_application() -> None:
     application.start()
     assert counter.enough.wait(20)
     assert not application.is_running
-    assert refused == [
-        "start() is not for the activity that has just called stop(): use another thread"
-    ]
+    assert refused == ["start() was called from the tick that called stop(): use another thread"]
     with application.running():  # waits until the activity is done
         assert sum(ticks(application).values()) >= 1
 
@@ -213,7 +211,7 @@ def test_no_component_is_initialised_in_its_own_tick() -> None:
     assert counter.enough.wait(20)
     assert (
         refused
-        == ["Counter 'c' can't be initialised from a tick of its own: use another thread"] * 2
+        == ["Counter 'c' can't be initialised from one of its own ticks: use another thread"] * 2
     )
     application.stop()
 

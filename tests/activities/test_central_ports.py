@@ -53,5 +53,5 @@ def test_types_must_be_the_same() -> None:
     with LocalCentral() as central, pytest.raises(MisuseError) as error:
         receive(Module("robot", central), Inform("move x", float), Joint().target)  # type: ignore[misc]
     assert str(error.value) == (
-        "inform 'move x' has data of type float, and port x.target (Target): declare the same"
+        "inform 'move x' has data of type float, but port is x.target (Target): use one type"
     )

@@ -200,11 +200,11 @@ def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
 
 def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
     with pytest.raises(
-        MisuseError, match=r"port x\.target \(Target\) does not take 0\.3, of type float"
+        MisuseError, match=r"port x\.target \(Target\) does not accept 0\.3, of type float"
     ):
         joint.target.put(0.3)  # type: ignore[arg-type]
     with pytest.raises(
-        MisuseError, match=r"port x\.position \(float\) does not take 'far', of type str"
+        MisuseError, match=r"port x\.position \(float\) does not accept 'far', of type str"
     ):
         joint.position.set("far")  # type: ignore[arg-type]
     joint.position.set(1)  # as in annotations
@@ -214,7 +214,7 @@ def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
     ):
         connect(joint.position, joint.target)  # type: ignore[misc]
     with pytest.raises(
-        MisuseError, match=r"an output port is connected with an input port, not x\.target"
+        MisuseError, match=r"connect\(\) needs an output port and an input port, not x\.target"
     ):
         connect(joint.target, joint.target)  # type: ignore[arg-type]
 

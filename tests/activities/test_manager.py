@@ -43,7 +43,7 @@ class Town(NamedTuple):
 @pytest.fixture
 def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three transitions at most wait for central."""
-    monkeypatch.setattr("tca_behaviours.activities.manager.manager._MOST_WAITING", 3)
+    monkeypatch.setattr("tca_behaviours.activities.manager.manager._MAX_WAITING", 3)
 
 
 @pytest.fixture

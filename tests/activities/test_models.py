@@ -134,8 +134,8 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
     )
     before = {file: file.read_bytes() for file in model.parent.glob("*.py")}
     assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == [
-        "as it was"
-    ] * 2 + ["left alone"] * 2
+        "unchanged"
+    ] * 2 + ["yours, not changed"] * 2
     assert {file: file.read_bytes() for file in model.parent.glob("*.py")} == before
 
     model.write_text(
@@ -144,7 +144,7 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
         )
     )
     output = said(model).output
-    assert f"{by_hand}: left alone; class Joint lacks brake_off, is_close. Add:" in output
+    assert f"{by_hand}: yours, not changed; class Joint lacks brake_off, is_close. Add:" in output
     assert by_hand.read_bytes() == before[by_hand]
     (added,) = output.split("Add:\n")[1].split(f"{model.parent}/panel.py")[:1]
     by_hand.write_text(by_hand.read_text() + added)
@@ -169,7 +169,7 @@ def test_files_of_others_stay(model: Path) -> None:
     )
     (folder / "joint.py").write_text("class Elbow: ...\n")
     assert (
-        "joint.py: left alone; it has no class Joint, which is needed"
+        "joint.py: yours, not changed; it lacks class Joint: add it"
         in said(model, "-o", folder).output
     )
 
@@ -253,4 +253,4 @@ def test_a_model_is_drawn(model: Path) -> None:
     assert [word for word in words if word not in shown] == []
     refused = said(model, "-o", model.with_suffix(".jpg"))
     assert refused.exit_code == 2
-    assert "a picture is .svg, .png, .pdf, .dot, and a new folder has no suffix" in refused.output
+    assert "give a picture (.svg, .png, .pdf, .dot), or a folder without a suffix" in refused.output

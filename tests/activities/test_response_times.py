@@ -91,7 +91,7 @@ def test_bounds_are_safe_where_they_are_switched_between_activities(
     baton = in_virtual_time(processors)
     for activity, offset in zip(baton.schedule.activities.values(), offsets, strict=False):
         activity.release = Period(float(offset), activity.period)
-    baton.schedule.change_order()
+    baton.schedule.update_order()
     baton.run(HYPERPERIOD)
     bounds = response_bounds(processors)
     for one, bound in zip(baton.schedule.processors, bounds, strict=True):

@@ -133,7 +133,7 @@ def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
 def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:
     made = Made([2 * UNIT, 2 * UNIT])
     with made.baton.changing() as schedule:
-        schedule.take_off(schedule.activity("a0"))
+        schedule.unassign(schedule.activity("a0"))
     made.baton.run(5 * UNIT)
     assert made.ticks("a0") == []
     made.move("a0", "p1")
@@ -152,7 +152,7 @@ def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> Non
     schedule.begin(turn.processor, 0.0)
     schedule.put(one, schedule.new_processor("q", 0.0), 1.0)
     schedule.set_period(one, 5.0, 1.0)
-    schedule.change_order()
+    schedule.update_order()
     schedule.end(2.0)
     turn = schedule.next_turn(2.0)
     assert turn is not None
@@ -169,7 +169,7 @@ def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only()
     assert schedule.begin(old, 0.0).name == "first"
     new = schedule.new_processor("new", 1.0)
     schedule.put(schedule.activity("second"), new, 1.0)
-    schedule.change_order()
+    schedule.update_order()
     schedule.end(1.0)
     turn = schedule.next_turn(1.0)
     assert turn is not None

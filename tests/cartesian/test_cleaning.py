@@ -28,7 +28,9 @@ def test_generated_code_matches_the_model(tmp_path: Path) -> None:
     shutil.copytree(Path(robots.__file__).parent / "cartesian_sim", there)
     (tmp_path / "robots" / "__init__.py").touch()
     said = write_code(read_model(there / "cleaning.toml"), there)
-    assert [line.partition(": ")[2] for line in said] == ["as it was"] * 2 + ["left alone"] * 3
+    assert [line.partition(": ")[2] for line in said] == ["unchanged"] * 2 + [
+        "yours, not changed"
+    ] * 3
 
 
 def test_cleaning_show_counts_missed_ticks() -> None:

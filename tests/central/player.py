@@ -255,7 +255,7 @@ class Player:
     def delivered(self, connection: str) -> list[int]:
         """The deliveries that a connection was given and has not answered."""
         return [
-            d.given_as
+            d.handling_id
             for d in self.central.dispatcher.running.values()
             if d.slot and d.slot.id == connection.encode()
         ]

@@ -124,11 +124,11 @@ def pruned(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
 
 def found(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     """As central finds it, but with borders from the first step on."""
-    easy, cycles.EASY = cycles.EASY, 0
+    easy, cycles.EASY_ROUNDS = cycles.EASY_ROUNDS, 0
     try:
         return checked(find_path(tree, start, goal), start, goal)
     finally:
-        cycles.EASY = easy
+        cycles.EASY_ROUNDS = easy
 
 
 def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] | None:
@@ -330,7 +330,7 @@ class Crowd(Player):
     def look_to_the_end(self) -> int:
         """How many looks that takes."""
         looks = 0
-        while self.central.next_look is not None:
+        while self.central.search_timer is not None:
             self.tick(0.25)
             looks += 1
         return looks
@@ -364,9 +364,9 @@ def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
     assert 0 < crowd.most <= MOST
     crowd.send("user", "where")
     crowd.reply("map/1", next(reversed(crowd.central.dispatcher.running)))
-    assert crowd.central.next_look is None, "a question of strangers closes no circle"
+    assert crowd.central.search_timer is None, "a question of strangers closes no circle"
     crowd.task("user", "walk")
-    assert crowd.central.next_look is not None, "a task might"
+    assert crowd.central.search_timer is not None, "a task might"
 
 
 def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd) -> None:

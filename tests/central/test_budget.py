@@ -262,12 +262,12 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
         "d",
         "e",
     } == set(known)
-    player.central.registry.look_after = 0  # else it is not worth to look again so soon
+    player.central.registry.next_search = 0  # else it is not worth to look again so soon
     (answer,) = player.declare("new", "inform f", "inform g", "inform h")
     assert isinstance(answer, headers.Accepted)
     assert "waiting" not in known
     assert "value" in known  # it goes last
-    player.central.registry.look_after = 0
+    player.central.registry.next_search = 0
     (answer,) = player.declare("new", "inform i")
     assert isinstance(answer, headers.Accepted)
     assert "value" not in known
@@ -334,7 +334,7 @@ def test_formats_are_bounded_in_bytes() -> None:
     player.receive("user", headers.Bye())
     player.module("next")
     declared = MessageFormat("m", MessageClass.INFORM, "x" * 10_000)
-    player.central.registry.look_after = 0
+    player.central.registry.next_search = 0
     (answer,) = player.request("next", headers.Register, [declared])
     assert isinstance(answer, headers.Accepted)
 

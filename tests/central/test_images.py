@@ -71,7 +71,7 @@ class QuickTwinPlayer(TwinPlayer):
 
     def __init__(self) -> None:
         super().__init__()
-        self.central.dispatcher.messages_ahead.trusts_all = True
+        self.central.dispatcher.prefetcher.trusts_all = True
         self.twin = decode(encode(self.central))
 
 

@@ -5,7 +5,7 @@ said alone.
 import pytest
 from central.player import Player
 
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_wire.journal.facts import Answered, Delivered, Queued, RequestRefused, Returned
 from tca_wire.packets import headers
 from tca_wire.packets.parts import EndedRun
@@ -22,8 +22,8 @@ class Ears(Player):
 @pytest.fixture
 def player(monkeypatch: pytest.MonkeyPatch) -> Ears:
     """A slot that handles a note, and has three more and a question ahead."""
-    monkeypatch.setattr(ahead, "QUICK", 100.0)
-    monkeypatch.setattr(ahead, "QUICK_RUNS", 0)
+    monkeypatch.setattr(prefetching, "QUICK", 100.0)
+    monkeypatch.setattr(prefetching, "QUICK_RUNS", 0)
     player = Ears.of("ear: inform note, query where", "user")
     for message in ("note", "note", "note", "note", "where"):
         player.send("user", message)

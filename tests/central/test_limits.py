@@ -306,7 +306,7 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
         calls += 1
         assert calls <= 10 * number
         assert delivery.slot
-        player.fail(delivery.slot.id.decode(), "handler error", delivery.given_as)
+        player.fail(delivery.slot.id.decode(), "handler error", delivery.handling_id)
     assert calls == 9 * number - 1
     assert player.facts(Killed)[-1].why == f"failure 'slip' of task {task} 'move' was not handled"
     check_invariants(player.central)
@@ -394,7 +394,7 @@ def test_no_task_is_taken_before_there_is_room() -> None:
     (refused,) = player.send("user", "move")
     assert (
         refused.text
-        == "the disk of central's journal is nearly full: no command is taken before there is room"
+        == "the disk of central's journal is nearly full: no command is accepted before it has room"
     )
     player.reply("legs/1", running)
     player.send("user", "where")

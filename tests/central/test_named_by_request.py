@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 
-from tca_central.events import ConnectionId, TellAll
-from tca_central.model.deliveries import REMEMBERED_TASKS, TOLD_TOGETHER
+from tca_central.events import ConfirmTasks, ConnectionId
+from tca_central.model.deliveries import CONFIRMED_TOGETHER, REMEMBERED_TASKS
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, AwaitPoint, Refused, TasksMade
 from tca_wire.packets.parts import WatchOptions
@@ -79,21 +79,21 @@ def test_a_task_that_is_named_by_its_request_is_that_task(seed: int) -> None:
 
 def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat() -> None:
     player = robot()
-    requests = [sent_quietly(player, "user", "walk") for _ in range(TOLD_TOGETHER + 1)]
+    requests = [sent_quietly(player, "user", "walk") for _ in range(CONFIRMED_TOGETHER + 1)]
     told = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
     assert told == [
         TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])
     ]
-    (effect,) = player.central.handle(TellAll(player.time))
-    assert effect.header == TasksMade([(requests[-1], TaskId(TOLD_TOGETHER + 1))])  # type: ignore[union-attr]
-    assert player.central.handle(TellAll(player.time)) == []
+    (effect,) = player.central.handle(ConfirmTasks(player.time))
+    assert effect.header == TasksMade([(requests[-1], TaskId(CONFIRMED_TOGETHER + 1))])  # type: ignore[union-attr]
+    assert player.central.handle(ConfirmTasks(player.time)) == []
 
 
 def test_a_connection_that_is_gone_is_told_nothing() -> None:
     player = robot()
     sent_quietly(player, "user", "walk")
     player.lose("user")
-    assert player.central.handle(TellAll(player.time)) == []
+    assert player.central.handle(ConfirmTasks(player.time)) == []
 
 
 NAMING: dict[str, Any] = {
@@ -121,7 +121,7 @@ def test_what_names_a_refused_task_is_refused(name: str) -> None:
     )
     number = player.number("user")
     (answer,) = player.receive("user", NAMING[name](number, TaskId(-refused)))
-    text = f"there is no task of request {refused}: that was refused, or {REMEMBERED_TASKS} others have been sent since"
+    text = f"there is no task of request {refused}: it was refused, or {REMEMBERED_TASKS} others have been sent since"
     assert answer == Refused(number, Refusal.UNKNOWN, text)
 
 

@@ -14,7 +14,7 @@ from properties.life import MODULES, Life, Operations, operations
 from properties.oracle import Oracle
 from sampling import lives
 
-from tca_central.events import Effect, TellAll, Tick
+from tca_central.events import ConfirmTasks, Effect, Tick
 from tca_central.outgoing.central_messages import suspend
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Failed, Killed, Received
@@ -257,7 +257,7 @@ def test_a_task_suspended_for_no_time_keeps_its_place() -> None:
     task = player.central.tree.tasks[TaskId(second)]
     for resume in (False, True):  # in one event, as by a kill above what it is under
         suspend(player.central, task, resume=resume)
-    player.event(TellAll(player.time))
+    player.event(ConfirmTasks(player.time))
     player.reply("legs/1")
     assert task.slot is not None
 

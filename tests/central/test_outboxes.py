@@ -5,7 +5,7 @@ himself.
 from tca_central.events import ConnectionId
 from tca_central.shell.outboxes import PACKET_BYTES, Outboxes
 from tca_wire.packets import codec
-from tca_wire.packets.credit import TOLD_AFTER, WINDOW, Receipts
+from tca_wire.packets.credit import REPORTED_AFTER, WINDOW, Receipts
 from tca_wire.packets.headers import Beat, Receipt
 
 READS, STANDS = ConnectionId(b"reads"), ConnectionId(b"stands")
@@ -94,5 +94,5 @@ def test_a_line_that_takes_nothing_is_tried_again_and_one_that_is_gone_is_told()
 
 def test_beats_are_not_counted() -> None:
     receipts, beat = Receipts(), codec.pack_item(Beat())
-    assert not any(receipts.due(beat) for _ in range(TOLD_AFTER // len(beat) + 1))
-    assert receipts.due(bytes(TOLD_AFTER))
+    assert not any(receipts.due(beat) for _ in range(REPORTED_AFTER // len(beat) + 1))
+    assert receipts.due(bytes(REPORTED_AFTER))

@@ -96,7 +96,7 @@ def test_nothing_is_left_of_those_who_go(player: Player) -> None:
     player.lose("user")
     message = player.central.registry.messages["height"]
     (slot,) = message.route
-    assert not message.senders_told
+    assert not message.informed_senders
     assert not slot.watchers
 
 

@@ -58,5 +58,5 @@ def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(
     declare(player, "other", data)
     assert (get(player, "other", "pose") != b"") is is_kept
     assert [fact.why for fact in player.facts(Dropped)] == (
-        [] if is_kept else ["its variable was declared anew with another format"]
+        [] if is_kept else ["its variable was declared again with another format"]
     )

@@ -88,7 +88,7 @@ class Watched:
             case "fail" if running:
                 one = chance.choice(running)
                 assert one.slot
-                self.player.fail(one.slot.id.decode(), "slip", one.given_as)
+                self.player.fail(one.slot.id.decode(), "slip", one.handling_id)
             case "kill" if task:
                 self.request(headers.Kill, TaskId(task.id))
             case "retry" if task:
@@ -98,7 +98,7 @@ class Watched:
 
     def reply(self, task: Task) -> None:
         assert task.slot
-        self.player.reply(task.slot.id.decode(), task.given_as)
+        self.player.reply(task.slot.id.decode(), task.handling_id)
 
     def retry(self, task: Task) -> None:
         """By the user, or by an exception handler that runs."""
@@ -107,7 +107,7 @@ class Watched:
             return
         above = self.chance.choice(list(trouble_of(task).failing.lineage()))
         name = task.slot.id.decode()
-        self.player.request(name, headers.Retry, TaskId(above.id), origin=task.given_as)
+        self.player.request(name, headers.Retry, TaskId(above.id), origin=task.handling_id)
 
     def end(self) -> None:
         """All handlers return; monitors under the root are killed."""

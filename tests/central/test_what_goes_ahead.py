@@ -8,7 +8,7 @@ import pytest
 from central.player import Player
 
 from tca_central.events import Record
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_central.shell.log_lines import LogLines
 from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
@@ -25,8 +25,8 @@ class Ears(Player):
 
 
 def trust_every_handler(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(ahead, "QUICK", 100.0)
-    patch.setattr(ahead, "QUICK_RUNS", 0)
+    patch.setattr(prefetching, "QUICK", 100.0)
+    patch.setattr(prefetching, "QUICK_RUNS", 0)
 
 
 @pytest.fixture(autouse=True)

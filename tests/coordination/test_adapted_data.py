@@ -73,7 +73,7 @@ def test_data_for_a_speed_are_made_once_and_used(caplog: pytest.LogCaptureFixtur
         run_to_the_end(run)
     assert told == [(2.0, "box B at 0.2"), (8.0, "box B")]
     warnings = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-    assert warnings == ['Activity(arm to "box B") runs on as it does: ValueError: no data at 0.5']
+    assert warnings == ['Activity(arm to "box B") keeps its speed: ValueError: no data at 0.5']
 
 
 def test_arrays_are_other_data_if_their_elements_are() -> None:

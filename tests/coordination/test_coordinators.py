@@ -364,6 +364,6 @@ def test_a_module_has_one_coordinator() -> None:
     module = Module("coordinator")
     Coordinator(lost()).handle_in(module)
     with pytest.raises(
-        MisuseError, match="has a coordinator already: handle machine 'deliver' in another one"
+        MisuseError, match="has a coordinator already: handle machine 'deliver' in another module"
     ):
         Coordinator(delivery()).handle_in(module)

@@ -164,7 +164,7 @@ def test_a_function_reads_watched_variables_only() -> None:
     assert activity.cost(situation(None, progress=0.5)) == 1.0
     assert machine.automaton(situation(None)).arcs(0)[0].likelihood == 0.0
     with pytest.raises(
-        MisuseError, match="variable 'box B is free' is not watched: give Coordination"
+        MisuseError, match="variable 'box B is free' is not watched: add it to Coordination"
     ):
         machine.automaton(Situation()).arcs(0)
     with pytest.raises(

@@ -186,7 +186,7 @@ def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
     with play(fork(arm("box B", undo=HOME), base("C")), AS_SOON_AS_LIKELY, robot) as run:
         ran = run.start_mistaken()
         assert ran.result(timeout=5).wasted == 1
-    assert "did not undo what was done ahead in vain" in caplog.text
+    assert "did not undo wasted early work" in caplog.text
 
 
 def test_others_come_before_an_early_task_in_a_queue() -> None:
@@ -329,7 +329,7 @@ def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixtur
             assert (end.state, end.wasted) == ("end", 1)
         told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
         assert len(told) == 1
-        assert 'the progress of Activity(arm to "box B") stays as it was: ' in told[0]
+        assert 'the progress of Activity(arm to "box B") does not change: ' in told[0]
 
 
 def test_a_progress_of_the_current_task_that_fails_ends_a_run() -> None:

@@ -28,7 +28,7 @@ from robots.ambler_sim.modules import (
 from robots.ambler_sim.vocabulary import Arc, Pose
 from tca_module import Broadcast, Command, Goal, PointMonitor, Query, connect, this
 from tca_module.testing import LocalCentral
-from tca_tools.check.events import take_event
+from tca_tools.check.events import check_event
 from tca_tools.check.world import JournalWorld
 from tca_tools.explore import (
     Property,
@@ -271,7 +271,7 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
             )
         for entry in central.entries:
             known.forget()
-            take_event(known, entry)
+            check_event(known, entry)
             found |= orders(tca.World(known, {}))
     return found
 

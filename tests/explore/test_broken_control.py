@@ -78,7 +78,7 @@ def a_killed_task_releases_nobody(patch: Patch) -> None:
 
 
 def a_slot_is_given_twice(patch: Patch) -> None:
-    patch.setattr(ModuleResource, "take_slot", lambda self: next(iter(self.slots), None))
+    patch.setattr(ModuleResource, "acquire_slot", lambda self: next(iter(self.slots), None))
 
 
 def freed_slots_are_forgotten(patch: Patch) -> None:
@@ -110,7 +110,7 @@ def what_waits_when_a_tap_comes_does_not_pass_it(patch: Patch) -> None:
 
 
 def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> None:
-    patch.setattr(joining, "listeners_come", lambda *_: None)
+    patch.setattr(joining, "on_listeners_added", lambda *_: None)
 
 
 def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
@@ -174,7 +174,7 @@ def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
 
 
 def what_was_dealt_with_goes_on_for_ever(patch: Patch) -> None:
-    patch.setattr(failures, "handler_ended", lambda _central, _handler: None)
+    patch.setattr(failures, "on_exception_handler_ended", lambda _central, _handler: None)
 
 
 def a_deadline_takes_the_task_from_its_handler(patch: Patch) -> None:

@@ -55,7 +55,7 @@ def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a = 1", "has no scenario: make a tca_tools.explore.Scenario at its top level"),
+        ("a = 1", "has no scenario: create a tca_tools.explore.Scenario at its top level"),
         ("\na = b", "scenarios.py, line 2: can't be run: NameError: name 'b' is not defined"),
         ("a = (", "can't be run: SyntaxError"),
         (
@@ -93,8 +93,8 @@ boss.does(lambda me: [me.command(WAIT, deadline=20.0)])
     assert result.exit_code == 1
     first, second = result.stdout.splitlines()
     assert first.startswith("busy: not known, nothing wrong in the first 6")
-    assert second.startswith("  open beside other things: ")
-    assert second.endswith("; leave out what the question needs least")
+    assert second.startswith("  commonest alternatives: ")
+    assert second.endswith("; leave out those that you need least")
     for words in ("the period of monitor 'battery' (", "the loss of legs (", "steps of "):
         assert words in second
 
@@ -152,7 +152,7 @@ def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None
     os.close(ours)
     os.close(theirs)
     assert "states, " in done.stdout.decode()
-    assert re.search(r"[\d,]+ states, [\d,]+ of them to go on from", shown)
+    assert re.search(r"[\d,]+ states, [\d,]+ not yet explored further", shown)
     assert shown.endswith("\r\x1b[K")
 
 

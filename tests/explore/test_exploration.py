@@ -157,7 +157,7 @@ def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
     scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = tca.explore(scenario, limit=80)
-    for room in ("KEPT_PLAYS", "KEPT_BYTES"):
+    for room in ("MAX_PLAYS", "SNAPSHOT_BYTES"):
         monkeypatch.setattr(f"tca_tools.explore.search.exploration.{room}", 0)
         again = tca.explore(scenario, limit=80)
         assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
@@ -173,13 +173,13 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self, play)
 
     monkeypatch.setattr(Snapshots, "save", save)
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_PLAYS", 0)
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 100_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.MAX_PLAYS", 0)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 100_000)
     result = tca.explore(walking(never_stuck()))
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 10_000)
     good(walking(never_stuck()))
     assert 0 < len(made) < result.states
 
@@ -364,9 +364,9 @@ def test_a_limit_is_no_answer() -> None:
     first, second = tca.report(result).splitlines()
     assert (
         first
-        == "walking: not known, nothing wrong in the first 21 states: make it smaller, or raise the limit"
+        == "walking: not known, nothing wrong in the first 21 states: make the scenario smaller, or raise the limit"
     )
-    assert second.startswith("  open beside other things: steps of user (")
+    assert second.startswith("  commonest alternatives: steps of user (")
 
 
 def stuck() -> tca.Result:
@@ -387,7 +387,7 @@ def stuck() -> tca.Result:
 
 def test_what_is_stuck_is_named() -> None:
     *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
-    assert why == "  => nothing further need happen, and this is left:"
+    assert why == "  => the run may end here, with this left:"
     assert (
         second.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
@@ -398,11 +398,11 @@ def test_what_is_stuck_is_named() -> None:
 
 
 def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
-    def settle(self: Central, real: object = Central._settle) -> None:
+    def settle(self: Central, real: object = Central._process_all) -> None:
         real(self)  # type: ignore[operator]
         assert len(self.tree.tasks) < 3, "too many tasks"
 
-    monkeypatch.setattr(Central, "_settle", settle)
+    monkeypatch.setattr(Central, "_process_all", settle)
     result = tca.explore(walking())
     assert result.violation is not None
     assert result.violation.broken == "central handles everything"

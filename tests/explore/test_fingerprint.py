@@ -46,7 +46,7 @@ from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_tools.explore import Scenario, Script, Task
 from tca_tools.explore.observed.world import Name, World
 from tca_tools.explore.play.play import Action, ActionKind, Play
-from tca_tools.explore.search.fingerprint import IGNORED, SPECIAL, Detail, recognised
+from tca_tools.explore.search.fingerprint import IGNORED, SPECIAL, Detail, fingerprint_of
 from tca_tools.explore.search.snapshot import Snapshots
 from tca_wire.messages.declarations import Variable
 from tca_wire.packets.parts import WatchOptions
@@ -176,7 +176,7 @@ def following(
     for action in played().actions():
         after = played()
         after.perform(action)
-        key, order = recognised(after, (), detail)
+        key, order = fingerprint_of(after, (), detail)
         after.world.forget()  # as the next action does first
         view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
@@ -277,7 +277,7 @@ def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario
 
 
 def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["short"]) -> bytes:
-    return recognised(play, memories, detail)[0]
+    return fingerprint_of(play, memories, detail)[0]
 
 
 def test_symmetric_orders_are_one_state() -> None:
@@ -331,7 +331,7 @@ def test_the_tables_name_what_there_is() -> None:
     module = Module("legs", "legs", "run", "")
     things = [
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
-        central.dispatcher.messages_ahead, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        central.dispatcher.prefetcher, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Tapping(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),

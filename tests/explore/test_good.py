@@ -24,7 +24,7 @@ from tca_tools.explore import (
     within,
 )
 from tca_tools.explore.play.play import Action, ActionKind, Play
-from tca_tools.explore.search.fingerprint import Detail, recognised
+from tca_tools.explore.search.fingerprint import Detail, fingerprint_of
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
@@ -115,7 +115,7 @@ def test_what_is_late_is_late_when_it_comes_with_the_same_action() -> None:
 
 def test_within_is_owed_at_the_end_of_a_run() -> None:
     result = tca.explore(walking(within(5.0, achieved(WALK), killed(REST))))
-    assert "nothing further need happen, and it never did" in tca.report(result)
+    assert "the run may end here, and it never happened" in tca.report(result)
 
 
 def test_within_does_not_make_a_scenario_endless() -> None:
@@ -146,14 +146,14 @@ def first_id(world: tca.World) -> object:
 def test_an_id_is_only_a_name(looks: Any) -> None:
     with pytest.raises(
         tca.ScenarioError,
-        match="an id is another number in each run: it can be compared with other ids",
+        match="an id has another number in each run, so it can only be compared with other ids",
     ):
         tca.explore(walking(never(looks)))
 
 
 def test_the_age_of_messages_can_not_be_told() -> None:
     with pytest.raises(
-        tca.ScenarioError, match="messages have no order here: choose by what they are"
+        tca.ScenarioError, match="messages have no order here: select them by their attributes"
     ):
         tca.explore(walking(never(lambda world: world.tasks[0])))
 
@@ -217,9 +217,9 @@ def test_a_property_that_is_about_nothing_is_named() -> None:
     result = tca.explore(scenario)
     assert result.ok
     assert tca.report(result).splitlines()[1:] == [
-        "  said nothing: 'walk achieved before lift begun': there never is 'lift begun'",
-        "  said nothing: 'at most 1 lift handled': there never is 'lift handled'",
-        "  said nothing: 'lift achieved within 1 s of lift sent': there never is 'lift sent'",
+        "  holds vacuously: 'walk achieved before lift begun': 'lift begun' is never true",
+        "  holds vacuously: 'at most 1 lift handled': 'lift handled' is never true",
+        "  holds vacuously: 'lift achieved within 1 s of lift sent': 'lift sent' is never true",
     ]
 
 
@@ -244,18 +244,18 @@ def needed(play: Play) -> set[tuple[str, str]]:
 def goes_round(result: tca.Result) -> tuple[Action, ...]:
     """The way round, which has been gone twice."""
     assert result.violation is not None, tca.report(result)
-    circle = result.violation.circle
+    circle = result.violation.cycle
     assert circle
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = recognised(play, (), WATCHED)[0], needed(play)
+    start, left_out = fingerprint_of(play, (), WATCHED)[0], needed(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
             left_out = (left_out & needed(play)) - {(action.kind, action.name)}
-        assert recognised(play, (), WATCHED)[0] == start
+        assert fingerprint_of(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
@@ -282,10 +282,11 @@ def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.P
     result = tca.explore(beside_a_clock(hangs, never_met))
     assert len(goes_round(result)) == 2, "a second passes, and the question is answered"
     text = tca.report(result)
-    assert "1 s pass" in text.partition("and then again and again:\n")[2]
-    assert text.endswith("=> this can go on for ever, and it never happens") or (
-        "this can go on for ever, and all the while:\n     planner in walk {" in text
-        and "never goes on" in text
+    assert "1 s pass" in text.partition("then this cycle repeats forever:\n")[2]
+    assert text.endswith("=> this cycle can repeat forever, and it never happens") or (
+        "this cycle can repeat forever, with this waiting throughout:\n     planner in walk {"
+        in text
+        and "waits forever" in text
     )
 
 
@@ -362,9 +363,9 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
     """
     result = tca.explore(starving(1, never_stuck()))
     assert result.violation is not None, tca.report(result)
-    assert "all the while:\n     step {" in tca.report(result)
+    assert "waiting throughout:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
-    assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
+    assert {action.name for action in result.violation.cycle} >= {"legs/1", "ear/1"}
     good(starving(0, never_stuck(), eventually(achieved(STEP))))
     found(starving(1, eventually(achieved(STEP))))
 
@@ -374,10 +375,10 @@ def test_who_may_decide_the_same_for_ever_does() -> None:
     only_again = ping(
         again_or_not, eventually(lambda world: not world.messages and world.modules == ())
     )
-    assert "nothing further need happen" in found(only_again)
+    assert "the run may end here" in found(only_again)
     result = tca.explore(ping(again_or_not, eventually(over)))
     assert result.violation is not None
-    assert "chooses again" in tca.report(result).partition("again and again:")[2]
+    assert "chooses again" in tca.report(result).partition("repeats forever:")[2]
     good(ping(again_or_not, never_stuck()))
 
 
@@ -452,7 +453,10 @@ def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
     scenario.modules["legs"].may_be_lost = 1
     result = tca.explore(scenario)
     goes_round(result)
-    assert "this can go on for ever, and all the while:\n     step {" in tca.report(result)
+    assert (
+        "this cycle can repeat forever, with this waiting throughout:\n     step {"
+        in tca.report(result)
+    )
     assert "queued" in tca.report(result)
 
 

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 import tca_tools.explore as tca
 from dev.invariants import check_invariants
 from tca_central.model.resources import Resource
-from tca_central.order.ahead import MessagesAhead
+from tca_central.order.prefetching import Prefetcher
 from tca_module.session import joined_replies
 from tca_module.session.session import Session
 from tca_tools.explore import never_stuck
@@ -57,49 +57,49 @@ def test_nothing_is_begun_twice_or_lost(make: Make) -> None:
 
 
 def nobody_waits_for_what_is_given_back(patch: Patch) -> None:
-    def recall(self: MessagesAhead, resource: Any) -> None:
-        if resource.ahead:
-            self._out.recall(resource.ahead_at)
+    def recall(self: Prefetcher, resource: Any) -> None:
+        if resource.prefetched:
+            self._out.recall(resource.prefetching_slot)
 
-    patch.setattr(MessagesAhead, "recall", recall)
+    patch.setattr(Prefetcher, "recall", recall)
 
 
 def what_is_recalled_is_begun(patch: Patch) -> None:
-    def give_back(self: Session, _: object = None) -> None:
-        self.post(headers.Recalled([header.delivery for header, _ in self.ahead]))
+    def return_prefetched(self: Session, _: object = None) -> None:
+        self.post(headers.Recalled([header.delivery for header, _ in self.prefetched]))
 
-    patch.setattr(Session, "give_back", give_back)
+    patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
 def what_is_recalled_is_lost(patch: Patch) -> None:
-    real = Session.give_back
+    real = Session.return_prefetched
 
-    def give_back(self: Session, wanted: Any = None) -> None:
+    def return_prefetched(self: Session, wanted: Any = None) -> None:
         real(self, wanted)
         self.outgoing[-1] = headers.Recalled([]), b""
 
-    patch.setattr(Session, "give_back", give_back)
+    patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
 def the_next_is_begun_before_an_answer(patch: Patch) -> None:
-    patch.setattr(Session, "has_next", property(lambda self: bool(self.ahead)))
+    patch.setattr(Session, "has_next", property(lambda self: bool(self.prefetched)))
 
 
 def what_is_given_back_is_turned_round(patch: Patch) -> None:
-    real = Resource.take_back
+    real = Resource.requeue_prefetched
 
-    def take_back(self: Resource[Any, Any], message: Any) -> object:
+    def requeue_prefetched(self: Resource[Any, Any], message: Any) -> object:
         message.arrival = 1000 - message.arrival
         return real(self, message)
 
-    patch.setattr(Resource, "take_back", take_back)
+    patch.setattr(Resource, "requeue_prefetched", requeue_prefetched)
 
 
 def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:
     def together(runs: list[Any], bodies: list[bytes], begun: float) -> tuple[Any, bytes]:
         return headers.Replies(runs[:0:-1] or runs, begun), b"".join(bodies[:0:-1] or bodies)
 
-    patch.setattr(joined_replies, "_together", together)
+    patch.setattr(joined_replies, "_join", together)
 
 
 FAULTS: dict[Callable[[Patch], None], tuple[Make, str]] = {

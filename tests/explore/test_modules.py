@@ -142,7 +142,7 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
 
     with pytest.raises(
         tca.ScenarioError,
-        match=r"at_start in watcher .*line \d+\): an error here ends the module: slipped",
+        match=r"at_start in watcher .*line \d+\): this error ends the module: slipped",
     ):
         tca.explore(scenario)
 
@@ -216,9 +216,9 @@ def locking(**lock: Any) -> tca.Scenario:
 @pytest.mark.parametrize(
     ("lock", "words"),
     [
-        ({"resource": "amr"}, "no module of the scenario has a resource 'amr'"),
-        ({"resource": "arm", "module": "leg"}, "module 'leg' of the scenario has a resource 'arm'"),
-        ({"resource": "unused"}, "no module of the scenario has a resource 'unused'"),
+        ({"resource": "amr"}, "the scenario has no resource 'amr'"),
+        ({"resource": "arm", "module": "leg"}, "module 'leg' has no resource 'arm'"),
+        ({"resource": "unused"}, "the scenario has no resource 'unused'"),
     ],
 )
 def test_a_lock_of_what_nobody_has_is_a_mistake(lock: dict[str, str], words: str) -> None:
@@ -237,7 +237,7 @@ def test_a_lock_that_two_have_must_say_whose() -> None:
         )
     with pytest.raises(
         tca.ScenarioError,
-        match="modules arm, other arm have a resource 'gripper': say which with module=",
+        match="modules arm, other arm have a resource 'gripper': choose one with module=",
     ):
         tca.explore(scenario)
 
@@ -282,7 +282,7 @@ def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], o
         (lambda: accepted("kil"), r"accepted\(\) knows no call 'kil'; did you mean 'kill'"),
         (
             lambda: module().every(1.0),
-            "every of module 'm' is not explored: what a module sends by itself goes",
+            "every of module 'm' is not explored: write what the module sends outside of tasks",
         ),
     ],
 )
@@ -333,7 +333,7 @@ def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
     others.handles(WHERE)(lambda _: 7)
     others.handles(NOTE)(lambda _: None)
     scenario.module("user").does(lambda me: [me.goal(WALK)])
-    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+    with pytest.raises(tca.ScenarioError, match="acts differently when it is run again"):
         tca.explore(scenario)
 
 

@@ -142,7 +142,8 @@ def test_a_library_that_owes_for_ever_is_found(
 
 
 @pytest.mark.parametrize(
-    ("returns", "words"), [(1, "return what that gave"), (None, r"other means than keep_reply\(\)")]
+    ("returns", "words"),
+    [(1, "must return the LaterReply"), (None, r"kept without keep_reply\(\)")],
 )
 def test_a_reply_that_is_not_left_to_the_module_is_named(returns: object, words: str) -> None:
     owed: list[LaterReply[Any]] = []

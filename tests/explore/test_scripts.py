@@ -103,7 +103,7 @@ def test_every_choice_is_explored() -> None:
 
 def test_a_handler_may_hang() -> None:
     result = tca.explore(one(lambda task: task.hang(), never_stuck()))
-    assert "planner in walk {1} never goes on" in tca.report(result)
+    assert "planner in walk {1} waits forever" in tca.report(result)
 
 
 def test_a_killed_handler_is_told() -> None:
@@ -243,7 +243,7 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(
         tca.explore(one(walk))
     line = walk.__code__.co_firstlineno + 4
     assert (
-        f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run"
+        f"the script of 'walk' in planner ({__file__}, line {line}): it catches the exception that ends a run"
         in str(found.value)
     )
     assert "write 'except Exception:' instead" in str(found.value)
@@ -257,7 +257,7 @@ def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> N
                 task.choose()
 
     with pytest.raises(
-        tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"
+        tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and continues forever"
     ):
         tca.explore(one(walk))
 
@@ -303,7 +303,7 @@ def test_a_script_that_remembers_is_found_out() -> None:
         task.command(STEP)
         task.query(WHERE)
 
-    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+    with pytest.raises(tca.ScenarioError, match="acts differently when it is run again"):
         tca.explore(one(remembers))
 
 
@@ -317,8 +317,8 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
         (lambda: module.handles(WALK), "handles 'walk' already"),
         (lambda: module.handles("walk"), "must be a message"),  # type: ignore[arg-type]
         (lambda: module.handles(REST, resource="arm"), "has no resource 'arm'"),
-        (lambda: module.does(lambda _: None), "does something already"),
-        (lambda: scenario.may_kill(NOTE), "wants a goal or command"),
+        (lambda: module.does(lambda _: None), "has a function under @module.does already"),
+        (lambda: scenario.may_kill(NOTE), "needs a goal or command"),
         (lambda: tca.Script(ScriptConnection(())).choose(), "nothing to choose from"),
     ):
         with pytest.raises(tca.ScenarioError, match=words):
@@ -406,7 +406,7 @@ def test_who_was_woken_may_ask_further(how: str) -> None:
 
     result = tca.explore(asking(cleans_up, never(begun(NOTE))), limit=20_000)
     assert result.violation is not None
-    assert "somebody kills walk" in tca.report(result)
+    assert "the operator kills walk" in tca.report(result)
 
 
 def test_who_has_read_that_it_is_killed_is_not_woken() -> None:

@@ -200,7 +200,7 @@ def test_a_suspended_subtree_starts_nothing() -> None:
         never_stuck(),
     )
     assert result.longest is not None
-    assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
+    assert "the operator suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
 
 
 def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
@@ -290,7 +290,7 @@ def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
 
     good(scenario, never_stuck())
     found(scenario, never(achieved(STEP)))
-    assert "user no longer waits for end achieving of step {1}" in found(
+    assert "user times out and no longer waits for end achieving of step {1}" in found(
         scenario, never(killed(STEP))
     )
 

@@ -9,7 +9,7 @@ import pytest
 from integration.commanded import SOON
 from module.real_central import RealCentral
 
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_module import Callback, Client, Inform, LaterReply, Module, Query, Task, connect
 from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
@@ -42,7 +42,7 @@ class Quick:
         return 2 * number
 
     def look(self, task: Task) -> None:
-        self.most = max(self.most, len(task._connection().session.ahead))
+        self.most = max(self.most, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
         """With its own resource locked nothing that is ahead is begun within the wait."""
@@ -53,7 +53,7 @@ class Quick:
 
 @pytest.fixture
 def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
-    monkeypatch.setattr(ahead, "QUICK", 10.0)  # whatever else the machine does
+    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # whatever else the machine does
     return Quick(address)
 
 
@@ -213,12 +213,12 @@ def test_a_callback_that_waits_lets_what_is_next_be_handled(
 
     @quick.module.every(0.000001, resource="ear")
     def ask(callback: Callback) -> None:
-        if callback._connection().session.ahead:
+        if callback._connection().session.prefetched:
             callback.cancel()
             answers.put(callback.query(ASK_BACK, timeout=SOON))
 
     with quick.module.running(), asker.running():
-        for number in range(ahead.QUICK_RUNS):
+        for number in range(prefetching.QUICK_RUNS):
             user.inform(NOTE, number)
         user.query(HEARD, timeout=SOON)
         user.inform(HOLD)

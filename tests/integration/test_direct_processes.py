@@ -95,7 +95,7 @@ def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Pa
         module.send_signal(signal.SIGKILL)
         with pytest.raises(
             NotSent,
-            match=r"^300 messages of 'user' may not have reached their handler, which is gone",
+            match=r"^300 messages of 'user' may not have reached their handler, which was disconnected",
         ):
             user.close()
         with connect(

@@ -12,7 +12,7 @@ import zmq
 from processes import Central, central
 
 from tca_module import CentralLost, connect
-from tca_module.sockets.transport import is_turned_away
+from tca_module.sockets.transport import rejects_connections
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +56,7 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
         with connect("early", address) as early, zmq.Context() as context:
             idle = idle_connections(context, address)
             said_by(daemon, "accepts no more connections")
-            assert is_turned_away(address)
+            assert rejects_connections(address)
             with pytest.raises(
                 CentralLost, match="it takes no more connections: end some programs, or start it"
             ):
@@ -65,7 +65,7 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
             for one in idle:
                 one.close(linger=0)
             said_by(daemon, "accepts connections again")
-            assert not is_turned_away(address)
+            assert not rejects_connections(address)
             connect("later", address).close()
 
 

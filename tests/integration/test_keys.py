@@ -115,7 +115,7 @@ def test_the_wrong_key_no_key_and_the_wrong_central(
     said("new", "--folder", str(stranger), "arm")
     other = read_client_key(stranger / "arm.key")
     as_key(str(stranger / "arm.key"))
-    assert "is not the central that this is a key for" in refusal(keyed.address)
+    assert "is not the central that the key is for" in refusal(keyed.address)
     ours = read_client_key(folder / "arm.key")
     forged = stranger / "forged.key"
     forged.write_text(
@@ -125,7 +125,7 @@ def test_the_wrong_key_no_key_and_the_wrong_central(
     as_key(str(forged))
     assert "it does not allow the key 'arm'" in refusal(keyed.address)
     with RealCentral(TCP) as open_to_all:
-        assert "or asks for none" in refusal(open_to_all.address)
+        assert "or wants no key" in refusal(open_to_all.address)
     assert not keyed.facts(facts.ModuleJoined)
 
 

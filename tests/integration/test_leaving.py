@@ -240,7 +240,7 @@ def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(
         working = user.goal(work)
         robot.hear("at work")
         working.kill("enough")
-        killed = f"{working} was killed: enough (by user); the wait for handlers is not waited for any more\n"
+        killed = f"{working} was killed: enough (by user); the wait for handlers is given up\n"
         assert robot.stdout.readline() == killed
         waits = r"work \{1\} +until its handler in robot returns, which waits for .* that .*\(killed: enough \(by user\)\)"
         deadline = time.monotonic() + 10

@@ -288,7 +288,7 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
 def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=0.5) as user:
         daemon.signal(signal.SIGSTOP)
-        stands_still = "does not answer: it is there, but its process stands still"
+        stands_still = "does not answer: it accepts connections, but its process is stopped"
         with pytest.raises(CentralLost, match=stands_still):
             user.modules()
         with pytest.raises(CentralLost, match=stands_still):
@@ -311,11 +311,12 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(
         daemon.signal(signal.SIGSTOP)
         with pytest.raises(
             CentralLost,
-            match="command 'rest' is killed as soon as central answers, if it had heard of",
+            match="command 'rest' is killed as soon as central answers, if central received",
         ):
             user.command(REST).wait()
         with pytest.raises(
-            CentralLost, match="setting variable 'pose' may yet be done, if central had heard of it"
+            CentralLost,
+            match="setting variable 'pose' may still be carried out, if central received it",
         ):
             user.set_variable(POSE, 2)
         daemon.signal(signal.SIGCONT)

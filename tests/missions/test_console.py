@@ -41,7 +41,9 @@ def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
             screen.type(b"'fast', fails='never')\r")
             until(lambda: robot.done[-1] == "to 0", "the rover drives")
             screen.process.send_signal(signal.SIGINT)  # the terminal does so when Ctrl-C is pressed
-            frames = screen.shows(r"(?s).*KeyboardInterrupt: status\(\) shows what still runs")
+            frames = screen.shows(
+                r"(?s).*KeyboardInterrupt: status\(\) shows the tasks that still run"
+            )
             assert "Traceback" not in frames
             assert robot.done[-1] == "stands at 0"
             screen.type(b"watch = Watch()\r")

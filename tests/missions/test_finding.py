@@ -80,7 +80,7 @@ def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None
             WAVE.replace("Wave", "Nod")
             .replace("Gripper", "Wheels")
             .replace("missions.gripper", "missions.test_finding"),
-            "{file} is left out: task Nod wants a Wheels as environment, and the server's is a Gripper",
+            "{file} is left out: task Nod needs an environment of class Wheels, not the server's Gripper",
         ),
         (
             WAVE.replace("Wave", "Nod").replace("times: int = 2", "times: int = 'x'"),
@@ -104,7 +104,7 @@ def test_files_that_begin_with_an_underscore_are_left_alone(folder: Path) -> Non
 
 
 def test_a_folder_that_is_not_there_is_an_error(folder: Path) -> None:
-    with pytest.raises(MisuseError, match=r"server 'gripper': there is no folder .*/nowhere"):
+    with pytest.raises(MisuseError, match=r"server 'gripper': folder .*/nowhere does not exist"):
         offered(folder=folder / "nowhere")
 
 
@@ -146,14 +146,14 @@ class Needy(Turn):
 @pytest.mark.parametrize(
     ("tasks", "says"),
     [
-        ((Gripper,), "is no task: give a class that inherits from PeriodicTask or OnceTask"),
+        ((Gripper,), "is not a task: give a class that inherits from PeriodicTask or OnceTask"),
         ((Bare,), "task Bare has no iterate(): define it"),
         (
             (Coroutine,),
             "task Coroutine: iterate() can't be 'async def': it runs in a thread of its own",
         ),
-        ((Needy,), "task Needy needs arguments to be made: prepare in initialise() instead"),
-        ((Drive,), "task Drive wants a Wheels as environment, and the server's is a Gripper"),
+        ((Needy,), "task Needy: its __init__ needs arguments: prepare in initialise() instead"),
+        ((Drive,), "task Drive needs an environment of class Wheels, not the server's Gripper"),
         (
             (Turn, type("Turn", (Grasp,), {})),
             "task Turn is defined in tasks= already: rename one of the two",

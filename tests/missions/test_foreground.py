@@ -161,7 +161,7 @@ def test_the_idle_task_takes_nobodys_place() -> None:
         idle = robot.send("Idle")
         robot.after(1)
         assert outcome(grasp) is Outcome.DONE
-        assert idle.result().text == "something else has the foreground"
+        assert idle.result().text == "another task has the foreground"
 
 
 def test_an_idle_task_that_completes_does_so_once() -> None:

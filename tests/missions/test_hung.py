@@ -75,9 +75,9 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    for name in ("LOOKS_EVERY", "_PATIENCE"):
+    for name in ("CHECK_PERIOD", "_PATIENCE"):
         monkeypatch.setattr(stopping_module, name, 0.02)
-    monkeypatch.setattr("tca_behaviours.missions.client.mission.LOOKS_EVERY", 0.02)
+    monkeypatch.setattr("tca_behaviours.missions.client.mission.CHECK_PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "tca")
 
 
@@ -145,7 +145,7 @@ def test_ctrl_c_waits_once_for_a_task_that_hangs(
         waits, in_vain, ends = warnings(caplog)
     assert waits.endswith("which was stopped and does not return")
     assert in_vain.endswith("did not end within 0.1 s of being stopped")
-    assert ends.startswith("the mission ends, and does not wait any more for Hang {")
+    assert ends.startswith("the mission ends without waiting any longer for Hang {")
 
 
 def test_a_second_ctrl_c_ends_the_mission_at_once(
@@ -166,7 +166,7 @@ def test_a_second_ctrl_c_ends_the_mission_at_once(
             hang_until_interrupted(mission, environment)
         (ends,) = warnings(caplog)
     assert len(waits) == 1
-    assert ends.startswith("the mission ends, and does not wait any more for Hang {")
+    assert ends.startswith("the mission ends without waiting any longer for Hang {")
 
 
 def test_a_task_that_does_not_stop_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

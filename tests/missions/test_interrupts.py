@@ -9,7 +9,7 @@ from missions.rover import rover
 
 from tca_behaviours.missions import Mission
 from tca_behaviours.missions.client import mission as client
-from tca_behaviours.missions.client.interrupts import interrupt_held
+from tca_behaviours.missions.client.interrupts import delay_interrupt
 
 
 def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_returns(
@@ -17,11 +17,11 @@ def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_retu
 ) -> None:
     @contextmanager
     def pressed_meanwhile() -> Iterator[None]:
-        with interrupt_held():
+        with delay_interrupt():
             yield
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(client, "interrupt_held", pressed_meanwhile)
+    monkeypatch.setattr(client, "delay_interrupt", pressed_meanwhile)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with rover() as (central, robot), Mission("rover", central=central) as mission:
@@ -34,7 +34,7 @@ def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_retu
 
 
 def press_twice(reached: list[int]) -> None:
-    with interrupt_held():
+    with delay_interrupt():
         for number in (1, 2):
             signal.raise_signal(signal.SIGINT)
             reached.append(number)

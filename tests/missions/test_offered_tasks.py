@@ -48,7 +48,7 @@ def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None
     (task,) = offered_tasks([formatted({MISSION_TASK: GOOD, **fields})])
     assert str(task.signature).endswith("TaskEnd")
     assert isinstance(task.signature, inspect.Signature)
-    assert task.in_words
+    assert task.help_text
     compile(stub_text("rover", [task]), "rover_tasks.py", "exec")
 
 

@@ -166,9 +166,9 @@ class Unknown(Turn):
         ),
         (
             Reserved,
-            "task Reserved: parameter 'report' has the name of something that every task has",
+            "task Reserved: parameter 'report' hides a method or an attribute of every task: choose another name",
         ),
-        (Given, "task Given: 'env' is given by the server: choose another name"),
+        (Given, "task Given: the server sets 'env': choose another name"),
         (
             Unsendable,
             "task Unsendable: parameter 'lock' can't be sent: Gripper has no format; use a dataclass, ",

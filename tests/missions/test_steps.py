@@ -94,7 +94,7 @@ def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
     with crashes(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
         with pytest.raises(
-            StepUncertain, match=r"under way .* \(Drive \{\d+\} completed\): do it again with"
+            StepUncertain, match=r"under way .* \(Drive \{\d+\} completed\): repeat it with"
         ) as caught:
             mission.step("out", list)
         assert [fate for _, fate in caught.value.outcomes] == ["completed"]
@@ -179,7 +179,7 @@ def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[],
     for _ in range(2):  # it does not count as done, and is not uncertain either
         with crashes(), trip.mission() as mission:
             with pytest.raises(
-                MisuseError, match="step 'look' does not count as done: its value can't be kept"
+                MisuseError, match="step 'look' does not count as done: its value can't be stored"
             ):
                 mission.step("look", function)
             raise Crash
@@ -215,7 +215,7 @@ def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, prob
 
 
 def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
-    with trip.mission(), pytest.raises(MisuseError, match="is in use by another mission that runs"):
+    with trip.mission(), pytest.raises(MisuseError, match="is in use by another running mission"):
         trip.mission().open()
 
 

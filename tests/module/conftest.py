@@ -36,8 +36,8 @@ def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "QUIET", 0.2)
     monkeypatch.setattr(session, "IDLE", 0.2)
     monkeypatch.setattr(session, "REPEAT", 0.1)
-    monkeypatch.setattr(keepalive, "TEND_PERIOD", 0.05)
-    monkeypatch.setattr(module, "TEND_PERIOD", 0.05)
+    monkeypatch.setattr(keepalive, "CHECK_PERIOD", 0.05)
+    monkeypatch.setattr(module, "CHECK_PERIOD", 0.05)
     monkeypatch.setattr(connection, "STEP", 0.02)
 
 

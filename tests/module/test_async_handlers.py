@@ -118,7 +118,7 @@ def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
 
     with (
         legs.running(),
-        pytest.raises(QueryFailed, match=r"blocked by a call of its own thread: await that one"),
+        pytest.raises(QueryFailed, match=r"blocks its event loop: await that call with"),
     ):
         user.query(STANCE, 2.0, timeout=SOON)
 
@@ -290,7 +290,7 @@ def test_only_async_handlers_await(user: Client) -> None:
 
     with pytest.raises(
         MisuseError,
-        match="query 'temperature' is awaited where no async handler runs: wait for it with",
+        match="query 'temperature' is awaited outside of an async handler: wait for it with",
     ):
         asyncio.run(script())
 

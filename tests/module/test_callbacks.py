@@ -59,7 +59,7 @@ class Clock:
         """Wait as a slot does, and call what is due."""
         self.now += seconds
         if self.callbacks.connection is not None:
-            self.callbacks.found(ready or {})
+            self.callbacks.queue_due(ready or {})
         while self.callbacks.call_one():
             pass
 
@@ -162,7 +162,7 @@ def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
     clock.callbacks.end()
     clock.pass_by(5.0)
     assert called == [101.0]
-    with pytest.raises(MisuseError, match=r"callback .* can't send: its module does not run"):
+    with pytest.raises(MisuseError, match=r"callback .* can't send: its module is not running"):
         once.query(TEMPERATURE)
     clock.begin()
     clock.pass_by(1.0)
@@ -181,7 +181,7 @@ def test_a_file_that_was_closed_is_no_longer_waited_for(
     clock.pass_by(0.0, {77: False})
     assert watch.is_over
     assert not clock.callbacks.files
-    assert "is called no more: its file 77 was closed" in caplog.text
+    assert "is not called any more: file 77 is closed" in caplog.text
     clock.pass_by(0.0, {77: True})  # found before it was removed
     assert called == ["readable"]
 
@@ -296,7 +296,7 @@ def test_a_closed_file_is_noticed_by_the_thread(
             assert rang.get(timeout=SOON) == "still here"
             assert watch.is_over
             assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-    assert caplog.text.count("was closed") == 2
+    assert caplog.text.count("is closed") == 2
 
 
 # --- When timers are due, on a clock of the test's own --------------------------------------------

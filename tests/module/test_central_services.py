@@ -134,7 +134,7 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
-    monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
+    monkeypatch.setattr(module, "CHECK_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
         started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
         until(lambda: caplog.records, "it says so")

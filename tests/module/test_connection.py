@@ -252,7 +252,7 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
     central.packets.append((0.0, b"nonsense"))
     central.say(Answer(2))
     assert connection.wait(request, 1.0, "query")
-    assert "sent what is no message" in caplog.text
+    assert "sent an invalid packet" in caplog.text
 
 
 def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
@@ -402,7 +402,7 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
     [
         (Send(0, "stance"), "ask again"),
         (headers.AwaitPoint(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
-        (headers.Lock(0, "camera", origin=7), "begin anew"),
+        (headers.Lock(0, "camera", origin=7), "start again"),
     ],
 )
 def test_what_was_lost_with_central_raises_and_says_what_to_do(
@@ -498,7 +498,7 @@ def test_a_central_that_answers_is_not_silent() -> None:
     central.now += QUIET
     assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
     central.say(Beat())
-    connection.tend(central.now)
+    connection.keep_alive(central.now)
     assert not connection.silence
 
 
@@ -507,7 +507,7 @@ def test_a_late_answer_names_the_silence_before_it() -> None:
     central.script = lambda _: []
     central.say(Beat(), at=central.now + 6.0)  # the network is back
     with pytest.raises(
-        Timeout, match=r"not acknowledged within 7 s, central was not heard for 6\.0 s of it"
+        Timeout, match=r"not acknowledged within 7 s, central was silent for 6\.0 s of it"
     ):
         connection.call(Register(0, []), "the declaration", within=7.0)
     central.beat()

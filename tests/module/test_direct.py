@@ -411,9 +411,7 @@ def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
         pending = user.query_send(HEIGHT, -1.0)
         assert gate.begun.wait(SOON)
         with RealCentral(address, "another run") as central:
-            with pytest.raises(
-                CentralLost, match="central was restarted meanwhile and has forgotten it"
-            ):
+            with pytest.raises(CentralLost, match="central was restarted and has forgotten it"):
                 pending.receive(SOON)
             gate.go_on.set()
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
@@ -485,7 +483,7 @@ def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
     with RealCentral(f"ipc://{folder}/c") as central, connect("user", central.address) as user:
         with a_map(central).running():
             assert user.query(HEIGHT, -1.0) == 1.0
-        assert "all goes through central" in caplog.text
+        assert "all go through central" in caplog.text
 
 
 def test_with_a_local_central_all_goes_through_its_core() -> None:

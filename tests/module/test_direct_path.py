@@ -143,18 +143,18 @@ class Pair:
 
     def ask(self, body: bytes = b"?") -> Request:
         request = Request(Send(0, "height"), body, wants_answer=True)
-        assert self.path.ask(request, self.now)
+        assert self.path.send_query(request, self.now)
         return request
 
     def greet(self) -> None:
-        self.path.tend(self.now)
+        self.path.send_due(self.now)
         self.inbox.listen()
         self.path.receive()
 
     def handle(self) -> None:
         """The slot handles one message, if there is one."""
         self.inbox.listen()
-        if (taken := self.inbox.take()) is not None:
+        if (taken := self.inbox.next_message()) is not None:
             delivery, body = taken
             self.handled.append(body)
             self.inbox.reply(Reply(delivery.delivery), body)
@@ -164,7 +164,7 @@ class Pair:
         for _ in range(4):
             self.now += 1.1
             for _ in range(60):
-                self.path.tend(self.now)
+                self.path.send_due(self.now)
                 self.handle()
                 self.path.receive()
 
@@ -182,7 +182,7 @@ def pair() -> Pair:
 def test_nothing_goes_before_the_greeting_is_answered() -> None:
     pair = Pair()
     assert not pair.path.is_usable
-    pair.path.tend(0.0)
+    pair.path.send_due(0.0)
     pair.inbox.listen()
     assert not pair.path.is_usable
     pair.path.receive()
@@ -191,7 +191,7 @@ def test_nothing_goes_before_the_greeting_is_answered() -> None:
 
 def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
     request = pair.ask(b"how high")
-    assert pair.path.tell(Send(0, "pose"), b"here")
+    assert pair.path.send_inform(Send(0, "pose"), b"here")
     pair.settle()
     ((answer, body),) = request.answers
     assert (answer.outcome, body) == (Outcome.DONE, b"how high")
@@ -200,16 +200,16 @@ def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
 
 
 def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
-    pair.path.tell(Send(0, "pose"), b"1")
-    assert pair.path.unheard == 1
+    pair.path.send_inform(Send(0, "pose"), b"1")
+    assert pair.path.unconfirmed == 1
     pair.path.is_asked = True
     pair.greet()
-    assert (pair.path.unheard, pair.handled) == (0, [])
+    assert (pair.path.unconfirmed, pair.handled) == (0, [])
 
 
 def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
     first = pair.ask(b"1")
-    pair.path.tell(Send(0, "pose"), b"2")
+    pair.path.send_inform(Send(0, "pose"), b"2")
     pair.line.cut()
     second = pair.ask(b"3")  # the sender has not noticed
     pair.settle()
@@ -260,7 +260,7 @@ def test_too_much_on_its_way_is_refused_at_once(
     assert refused.refused == Refused(
         0, Refusal.OVERLOAD, "1000 direct messages wait for the handler of 'height': try later"
     )
-    assert pair.path.tell(Send(0, "pose"), b"")
+    assert pair.path.send_inform(Send(0, "pose"), b"")
     assert pair.lost == ["pose"]
     pair.inbox.listen()
     for _ in range(10):
@@ -274,7 +274,7 @@ def test_too_much_on_its_way_is_refused_at_once(
 
 def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
     for number in range(3 * MOST_UNDER_WAY):
-        assert pair.path.tell(Send(0, "pose"), b"%d" % number)
+        assert pair.path.send_inform(Send(0, "pose"), b"%d" % number)
         pair.handle()
         pair.path.receive()
     assert not pair.lost
@@ -283,7 +283,7 @@ def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
 
 def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
     begun, waiting = pair.ask(b"1"), pair.ask(b"2")
-    pair.path.tell(Send(0, "pose"), b"3")
+    pair.path.send_inform(Send(0, "pose"), b"3")
     pair.handle()
     unread = pair.ask(b"4")
     pair.inbox.close()
@@ -296,14 +296,14 @@ def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
 
 def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
     for number in range(10):
-        pair.path.tell(Send(0, "pose"), b"%d" % number)
+        pair.path.send_inform(Send(0, "pose"), b"%d" % number)
     for _ in range(4):
         pair.handle()
     pair.now += direct_path.REPEAT
     pair.greet()
     pair.handle()  # nobody is told of this one
-    assert (pair.path.unheard, pair.lost) == (0, [])
-    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    assert (pair.path.unconfirmed, pair.lost) == (0, [])
+    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
     assert not pair.path.is_needed
 
@@ -312,11 +312,11 @@ def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_coun
     pair: Pair,
 ) -> None:
     for number in range(10):
-        pair.path.tell(Send(0, "pose"), b"%d" % number)
+        pair.path.send_inform(Send(0, "pose"), b"%d" % number)
     for _ in range(4):
         pair.handle()
     pair.inbox.close()
-    pair.path.tell(Send(0, "pose"), b"unread")
+    pair.path.send_inform(Send(0, "pose"), b"unread")
     pair.path.receive()
     assert pair.lost == ["pose"]
     session = Session(Hello(0, PROTOCOL_VERSION, "map", "run"))
@@ -328,11 +328,11 @@ def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_coun
 
 def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) -> None:
     for _ in range(MOST_UNDER_WAY):
-        pair.path.tell(Send(0, "pose"), b"")
+        pair.path.send_inform(Send(0, "pose"), b"")
         pair.handle()
     pair.line.cut()
     pair.settle()
-    pair.path.tell(Send(0, "pose"), b"next")
+    pair.path.send_inform(Send(0, "pose"), b"next")
     pair.settle()
     assert (pair.handled[-1], pair.lost) == (b"next", [])
 
@@ -340,7 +340,7 @@ def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) 
 def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
     pair.handle()  # its answer has arrived, and was not read yet
-    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
     assert (answer.outcome, answer.failure, answer.text) == (
@@ -352,13 +352,13 @@ def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
 
 def test_who_has_left_may_have_last_words(pair: Pair) -> None:
     answered, silent = pair.ask(), pair.ask()
-    pair.path.gone("it said goodbye", pair.now, lost=False)
+    pair.path.on_disconnected("it said goodbye", pair.now, lost=False)
     pair.handle()
     pair.path.receive()
     assert answered.answers
     assert not silent.is_over
     pair.now += direct_path.LAST_WORDS
-    pair.path.tend(pair.now)
+    pair.path.send_due(pair.now)
     assert silent.answers[0][0].failure == "module lost"
 
 
@@ -373,7 +373,7 @@ def test_a_query_that_was_given_up_is_not_handled(pair: Pair) -> None:
 def test_a_failure_is_answered_too(pair: Pair) -> None:
     request = pair.ask()
     pair.inbox.listen()
-    taken = pair.inbox.take()
+    taken = pair.inbox.next_message()
     assert taken is not None
     pair.inbox.reply(Fail(taken[0].delivery, "fog", "can't see"), b"data")
     pair.path.receive()
@@ -406,9 +406,9 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
             (pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),),
             f"version {PROTOCOL_VERSION + 1}",
         ),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is not a sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is not a sender"),
     ],
 )
 def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
@@ -418,7 +418,7 @@ def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
     assert why in answer.text
     (answer,) = said(pair, pack_item(Direct(1, "height")))
     assert isinstance(answer, Unknown)
-    assert pair.inbox.take() is None
+    assert pair.inbox.next_message() is None
 
 
 def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pair: Pair) -> None:
@@ -464,11 +464,11 @@ class Life(Pair):
 
     def asks(self, body: bytes) -> None:
         request = Request(Send(0, "height"), body, wants_answer=True)
-        if self.path.is_usable and self.path.ask(request, self.now):
+        if self.path.is_usable and self.path.send_query(request, self.now):
             self.asked.append(request)
 
     def tells(self, body: bytes) -> None:
-        if self.path.is_usable and self.path.tell(Send(0, "pose"), body):
+        if self.path.is_usable and self.path.send_inform(Send(0, "pose"), body):
             self.told.append(body)
 
     def gives_up(self, _: bytes) -> None:
@@ -490,7 +490,7 @@ STEPS: dict[str, Callable[[Life, bytes], object]] = {
     "handle": lambda life, _: life.handle(),
     "listen": lambda life, _: life.inbox.listen(),
     "receive": lambda life, _: life.path.receive(),
-    "tend": lambda life, _: life.path.tend(life.now),
+    "send_due": lambda life, _: life.path.send_due(life.now),
     "wait": Life.waits,
     "cut": lambda life, _: life.line.cut(),
     "unplug": Life.unplugs,
@@ -535,7 +535,7 @@ def test_a_sender_whose_licence_is_withdrawn_is_heard_no_more() -> None:
     pair = Pair()
     pair.greet()
     pair.handle()
-    asked, told = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
+    asked, told = pair.ask(b"before"), pair.path.send_inform(Send(0, "pose"), b"")
     assert told
     pair.inbox.bar(["test.1"])
     pair.settle()

@@ -106,7 +106,7 @@ def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
             (slot,) = legs._slots._slots
 
             def is_calm() -> bool:
-                beat = slot._loop._beat if slot._loop is not None else None
+                beat = slot._loop._timer if slot._loop is not None else None
                 return beat is not None and beat.when() > time.monotonic() + 0.5
 
             until(is_calm, "central knows where it stands")

@@ -134,7 +134,7 @@ def run(
     """A handler has run in a turn."""
     held.begin(delivery, began)
     header = Reply(delivery, ended - began)
-    assert held.take(header, ended)
+    assert held.hold(header, ended)
     return header, body
 
 
@@ -207,7 +207,7 @@ def test_a_lone_reply_after_which_nothing_has_begun_is_a_plain_one() -> None:
 def test_what_is_not_of_the_turn_is_not_held() -> None:
     held = HeldReplies()
     held.begin(1, 0.0)
-    assert not held.take(Fail(1, "slipped"), 1.0)
-    assert not held.take(Reply(2), 1.0)
+    assert not held.hold(Fail(1, "slipped"), 1.0)
+    assert not held.hold(Reply(2), 1.0)
     held.stop()
-    assert not held.take(Reply(1), 1.0)
+    assert not held.hold(Reply(1), 1.0)

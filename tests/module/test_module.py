@@ -393,7 +393,7 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
 # --- A module that has stopped, or was ended by one of its threads, while its block goes on -------
 
 
-ENDED = "module 'legs' ends, and handles nothing any more: "
+ENDED = "module 'legs' ends and handles no more messages: "
 
 
 class Own(BaseException):
@@ -521,7 +521,7 @@ def test_the_log_says_that_a_module_was_stopped(
     with caplog.at_level(logging.INFO, "tca.legs"), legs.running():
         legs.stop()
         until_withdrawn(user)
-    assert caplog.messages == ["module 'legs' has stopped, and handles nothing any more"]
+    assert caplog.messages == ["module 'legs' has stopped and handles no more messages"]
 
 
 @pytest.mark.parametrize(

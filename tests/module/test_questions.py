@@ -216,7 +216,7 @@ def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) 
 
     battery.handles(HEALTH)(lambda _: "well")
     with eyes.running(), legs.running():
-        with pytest.raises(QueryFailed, match="failed: blind: nobody replied: ") as found:
+        with pytest.raises(QueryFailed, match="failed: blind: no module replied: ") as found:
             user.multi_query(HEALTH, timeout=SOON)
         assert found.value.data == 7
         assert found.value.text.count("(blind: it is dark)") == 2
@@ -244,7 +244,7 @@ def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(
             user.multi_query(HEALTH, timeout=0.3)
         assert found.value.failure == "handler error"
         said = str(found.value)
-        assert said.startswith("multi-query 'health' failed: handler error: nobody replied: ")
+        assert said.startswith("multi-query 'health' failed: handler error: no module replied: ")
         assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in said
         assert "battery failed (handler error: KeyError: 7)" in said
         assert said.endswith("; legs has not answered")

@@ -33,7 +33,7 @@ from tca_module import (
     this,
 )
 from tca_module.client import Client as PlainClient
-from tca_module.link.connection import MOST_UNTOLD
+from tca_module.link.connection import MAX_UNACKNOWLEDGED
 from tca_module.sending.task_points import TaskPoint
 from tca_module.session.epoch_numbers import EpochNumber
 from tca_module.session.sent_tasks import SentId
@@ -54,7 +54,7 @@ from tca_wire.vocabulary import Refusal
 
 NOTE, ASK, LEVEL = Inform("note", str), Query("ask", reply=int), Variable("level", int)
 CIRCLE = [this.achieving.end <= this.achieving.start]
-REFUSED = r"command 'stop' was refused: .* would be a circle"
+REFUSED = r"command 'stop' was refused: .* would be a cycle"
 
 
 def circle(user: Any, **options: Any) -> Any:
@@ -128,20 +128,20 @@ def test_after_a_break_it_is_said_again_and_answered_by_itself() -> None:
 def test_a_hundred_tasks_are_on_their_way_at_most() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
-    for _ in range(MOST_UNTOLD):
+    for _ in range(MAX_UNACKNOWLEDGED):
         user.command(STOP)
     sent = len(central.heard)
     with pytest.raises(CentralLost, match="does not answer"):
         user.command(STOP)
     assert len([header for header in central.heard[sent:] if isinstance(header, Send)]) == 0
-    assert connection.session.sends.untold == MOST_UNTOLD
+    assert connection.session.sends.unacknowledged == MAX_UNACKNOWLEDGED
 
 
 def test_what_was_to_follow_those_of_the_central_before_is_not_sent_to_the_next() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     with user.parallel():
-        for _ in range(MOST_UNTOLD):
+        for _ in range(MAX_UNACKNOWLEDGED):
             user.command(STOP)
     central.heard.clear()
     news = headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "two")
@@ -276,9 +276,9 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
         session.reply(headers.Reply(9), b"")
     (line,) = *caplog.messages, *session.complaints
     assert line.startswith(
-        "the handler of rest {1} ended before it heard this: command 'stop' was refused: a circle;"
+        "the handler of rest {1} ended before this error: command 'stop' was refused: a circle;"
     )
-    assert line.endswith("to read the '.id' of what it sends raises it there")
+    assert line.endswith("reading the '.id' of a sent task raises its error in the handler")
 
 
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
@@ -486,7 +486,7 @@ def test_a_task_that_is_given_up_unheard_is_called_back(
         link.waiting.patience = 0.0
         with pytest.raises(
             CentralLost,
-            match="command 'stop' is killed as soon as central answers, if it had heard",
+            match="command 'stop' is killed as soon as central answers, if central received",
         ):
             stop.result()
         monkeypatch.undo()
@@ -527,7 +527,7 @@ def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
 
         def is_told() -> bool:
             link.line.catch_up()
-            return not link.session.sends.untold
+            return not link.session.sends.unacknowledged
 
         until(is_told, "central has told the id")
 

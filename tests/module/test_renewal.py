@@ -48,7 +48,7 @@ def session() -> Session:
     """A session that has a handler, a wiretap 10 and an exception handler 11."""
     session = Session(HELLO)
     hear(session, welcome("one"))
-    session.declared([WALK, CHECK], [HANDLES_WALK])
+    session.add_declared([WALK, CHECK], [HANDLES_WALK])
     for header, number in ((tap(), 10), (attach(), 11)):
         hear(session, Accepted(session.request(header).header.number, number))
     said(session)
@@ -56,7 +56,7 @@ def session() -> Session:
 
 
 def standing(session: Session, header: Tap | Attach) -> LastingAttachment:
-    found = session.attachments.of(header)
+    found = session.attachments.find(header)
     assert found is not None
     return found
 
@@ -80,12 +80,12 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert known_as(session, tap()) == ("two", 1)
     assert known_as(session, attach()) == ("two", 2)
     assert session.complaints == [
-        "central was restarted: exception handlers and wiretaps attached anew: 2"
+        "central was restarted: exception handlers and wiretaps attached again: 2"
     ]
 
 
 def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
-    session.declared([], [], is_ready=True)
+    session.add_declared([], [], is_ready=True)
     assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
@@ -107,11 +107,11 @@ def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
         "the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted"
     )
     assert complaint.endswith(
-        "has forgotten its tree, in which it was to watch until end achieving task 7"
+        "has forgotten its tree, so it can't watch until end achieving task 7"
     )
     hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
     assert said(session) == [HANDLERS]
-    assert session.attachments.of(guard) is None
+    assert session.attachments.find(guard) is None
 
 
 def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(
@@ -139,7 +139,10 @@ def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Sessi
     kept, lost = session.request(mine), session.request(handlers)
     hear(session, welcome("two"))
     assert not kept.lost
-    assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
+    assert (lost.lost, lost.forgotten_subject) == (
+        "central was restarted and has forgotten its tree",
+        "'walk'",
+    )
 
 
 def test_what_was_asked_before_comes_after_it(session: Session) -> None:
@@ -189,8 +192,8 @@ def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_aw
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     said(session)
     slot.attachments.forget(standing(session, tap()), "one")
-    session.tend(0.0, 0.0)
-    session.tend(0.1, 0.0)
+    session.send_due(0.0, 0.0)
+    session.send_due(0.1, 0.0)
     assert said(session) == [Remove(7, 1)]
 
 
@@ -222,11 +225,11 @@ def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> N
         (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)]),
     ]:
         session.heard = now
-        session.tend(now, now)
+        session.send_due(now, now)
         assert said(session) == expected
     hear(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
     for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
-        session.tend(session.heard, session.heard)
+        session.send_due(session.heard, session.heard)
     assert said(session) == [Register(9, [WALK, CHECK], []), attach(10)]
     assert len(session.complaints) == 1
     hear(session, Accepted(9), Accepted(10, 2))
@@ -240,7 +243,7 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
     assert said(session) == [Wait(7, ["check"])]
     for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
         session.heard = now
-        session.tend(now, now)
+        session.send_due(now, now)
     assert session.complaints == [
         "waits for handlers of 'check', which it requires; see 'tca messages'"
     ]
@@ -249,7 +252,7 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
 
 
 def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
-    session.withdrawn()
+    session.forget_handlers()
     assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
 
 
@@ -272,7 +275,7 @@ A_REST = Send(0, "rest")
 
 
 def callback(number: int, request: int) -> Kill:
-    return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
+    return Kill(number, TaskId(-request), "its sender has given up waiting for its id")
 
 
 @pytest.fixture
@@ -280,7 +283,7 @@ def declared() -> Session:
     """One that has declared a command and an inform."""
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     hear(session, Welcome(1, 1, "user", "one"))
-    session.declared([REST.format, SAY.format, LOOK.format], [])
+    session.add_declared([REST.format, SAY.format, LOOK.format], [])
     said(session)
     return session
 

@@ -136,7 +136,7 @@ def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> N
 
     def waits(sender: Sender, degrees: float) -> None:
         note = sender.query_notify(TEMPERATURE, None, lambda *_: None)
-        with pytest.raises(MisuseError, match="a callback waits for another one") as error:
+        with pytest.raises(MisuseError, match="a callback waits for another callback") as error:
             note.wait(SOON)
         caught.append(error.value)
 
@@ -219,8 +219,8 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
         go.set()
         assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
     assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
-        "nobody replied: legs has not answered",
-        "nobody replied: legs (queued, busy with health {1}) has not answered",
+        "no module replied: legs has not answered",
+        "no module replied: legs (queued, busy with health {1}) has not answered",
     ]
 
 
@@ -564,7 +564,7 @@ def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client)
         ]
         for ask in asks:
             with pytest.raises(
-                QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"
+                QueryFailed, match=r"called reply_later\(\) but returned .*: return the LaterReply"
             ):
                 ask()
     with pytest.raises(

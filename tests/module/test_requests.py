@@ -401,7 +401,7 @@ def test_options_that_can_not_be(central: LocalCentral) -> None:
     ):
         feet.handles(WALK, takes=["pause"])
     with pytest.raises(
-        MisuseError, match="goal 'walk' can't be handled with 'update' both taken and refused"
+        MisuseError, match="goal 'walk' can't be handled with 'update' in both takes= and refuses="
     ):
         feet.handles(WALK, takes=["update"], refuses=["update"])
     with pytest.raises(

@@ -247,8 +247,8 @@ def test_servers_that_can_not_be(central: LocalCentral) -> None:
             return True
 
     wrong: list[tuple[Any, Any, str]] = [
-        (GRASP, Grasping, r"is no Server: give Grasping\(\)"),
-        (GRASP, lambda *_: None, "is no Server"),
+        (GRASP, Grasping, r"is not a Server: give Grasping\(\)"),
+        (GRASP, lambda *_: None, "is not a Server"),
         (GRASP, Eager(), "Eager.cancel: .* is 'async def', which is not awaited here"),
         (FREE, Grasping(), r"serve\(\) takes messages of class Goal or Command, not Query"),
     ]

@@ -50,7 +50,7 @@ A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
 STATUS, SWAP = Ask(0, "status"), SetVariable(0, "pose", swap=True)
 WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
 HANDLES_WALK = HandlerFormat("walk", "legs")
-FORGOTTEN = "central was restarted meanwhile and has forgotten it"
+FORGOTTEN = "central was restarted and has forgotten it"
 TOO_LATE = Refused(2, Refusal.TOO_LATE, "no longer kept")
 
 
@@ -85,7 +85,7 @@ def greeting() -> Session:
 @pytest.fixture
 def session(greeting: Session) -> Session:
     """A session that central has welcomed."""
-    greeting.tend(0.0, 0.0)
+    greeting.send_due(0.0, 0.0)
     assert said(greeting) == [HELLO]
     hear(greeting, welcome())
     assert said(greeting) == []
@@ -102,10 +102,10 @@ def test_every_message_of_central_has_its_row() -> None:
 
 def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> None:
     for now, expected in [(0.0, [HELLO]), (0.9, []), (1.0, [HELLO]), (1.5, []), (2.1, [HELLO])]:
-        greeting.tend(now, 0.0)
+        greeting.send_due(now, 0.0)
         assert said(greeting) == expected
     hear(greeting, welcome(), now=2.2)
-    greeting.tend(3.3, 0.0)
+    greeting.send_due(3.3, 0.0)
     assert said(greeting) == []
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
@@ -192,7 +192,7 @@ def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in
     hear(session, Accepted(2, 5), Unknown(), Unknown())
     assert done.is_over
     assert said(session) == []
-    session.tend(0.1, 0.0)
+    session.send_due(0.1, 0.0)
     assert said(session) == [HELLO]
     later = session.request(A_GOAL)
     assert said(session) == []
@@ -203,7 +203,7 @@ def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in
 
 
 def test_messages_and_handlers_are_declared_again_before_what_uses_them(session: Session) -> None:
-    session.declared([WALK], [HANDLES_WALK])
+    session.add_declared([WALK], [HANDLES_WALK])
     asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome())
     # With number 0: central takes a request whose number is lower than one it has seen for
@@ -215,13 +215,13 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
     None
 ):
     central, session = Central("one"), Session(HELLO)
-    session.tend(0.0, 0.0)
+    session.send_due(0.0, 0.0)
 
     def talk(connection: bytes, *, is_heard: bool = True) -> None:
         """Central gets all that the session says, which hears the answers unless the connection has
         broken.
         """
-        while outgoing := session.take_outgoing(float):
+        while outgoing := session.pop_outgoing(float):
             for header, body in outgoing:
                 for effect in central.handle(
                     RequestReceived(0.0, ConnectionId(connection), header, body)
@@ -235,7 +235,7 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
     central.handle(ConnectionLost(0.0, ConnectionId(b"first")))
     assert not central.registry.messages["walk"].handlers
     session.break_off()
-    session.tend(1.0, 1.0)
+    session.send_due(1.0, 1.0)
     talk(b"second")
     assert declaring.is_over
     assert declaring.refused is None
@@ -289,11 +289,11 @@ def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> N
     session.post(Send(0, "position"))
     asked(session, STATUS)
     session.post(SetVariable(0, "pose"))
-    assert session.unheard == 2
+    assert session.unconfirmed == 2
     hear(session, Answer(2))
-    assert session.unheard == 1
+    assert session.unconfirmed == 1
     hear(session, Unknown())
-    assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
+    assert (session.dropped, session.doubtful, session.unconfirmed) == (1, 0, 0)
 
 
 def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
@@ -310,7 +310,7 @@ def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session)
     questions = [header for header in said(session) if isinstance(header, Register)]
     assert questions == [Register(2, [], [])]
     hear(session, Accepted(2))
-    assert session.unheard == 2 * CONFIRM_EVERY
+    assert session.unconfirmed == 2 * CONFIRM_EVERY
     session.post(Send(0, "position"))
     assert said(session)[-1] == Register(3, [], [])
 
@@ -318,16 +318,16 @@ def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session)
 def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) -> None:
     hear(session, Deliver(7, "walk"))
     session.reply(Reply(7), b"")
-    assert not session.is_settled
+    assert not session.is_confirmed
     session.confirm()
     hear(session, Accepted(2))
-    assert session.is_settled
+    assert session.is_confirmed
 
 
 def test_closing_is_reported_and_begins_anew(session: Session) -> None:
     hear(session, Closing("SIGTERM"))
     assert session.complaints == ["central ends: SIGTERM"]
-    session.tend(0.0, 0.0)
+    session.send_due(0.0, 0.0)
     assert said(session) == [HELLO]
 
 
@@ -336,16 +336,16 @@ def test_closing_is_reported_and_begins_anew(session: Session) -> None:
 
 def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Session) -> None:
     hear(session, Beat(), now=10.0)
-    session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
+    session.send_due(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
     assert said(session) == []
     times = []
     for tenth in range(100, 150):
-        session.tend(tenth / 10, 0.0)
+        session.send_due(tenth / 10, 0.0)
         if said(session) == [Register(0, [], [])]:
             times.append(tenth / 10)
     assert times == [10 + QUIET, 11 + QUIET, 12 + QUIET]
     hear(session, Accepted(0), now=15.0)
-    session.tend(15.1, 0.0)
+    session.send_due(15.1, 0.0)
     assert said(session) == []
 
 
@@ -413,9 +413,9 @@ def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_centra
 ) -> None:
     lock, other = granted(session), granted(session)
     hear(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
-    assert (lock.taken, other.taken) == ("unlocked", "")
+    assert (lock.why_lock_lost, other.why_lock_lost) == ("unlocked", "")
     hear(session, Unknown(), welcome("two"))
-    assert other.taken == "central was restarted and has forgotten it"
+    assert other.why_lock_lost == "central was restarted and has forgotten it"
 
 
 def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
@@ -430,7 +430,7 @@ def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
         Answer(lock.header.number),
     )
     assert lock.is_over
-    assert lock.taken == "its module has gone"
+    assert lock.why_lock_lost == "its module has gone"
 
 
 def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Session) -> None:
@@ -438,7 +438,7 @@ def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Sessio
     session.break_off()
     hear(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
     hear(session, Answer(lock.header.number))
-    assert (lock.is_over, lock.taken) == (True, "")
+    assert (lock.is_over, lock.why_lock_lost) == (True, "")
 
 
 def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(
@@ -496,7 +496,7 @@ def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) ->
 
 
 def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
-    session.declared([WALK], [HANDLES_WALK])
+    session.add_declared([WALK], [HANDLES_WALK])
     (stance,) = asked(session, A_QUERY)
     hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
     assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
@@ -595,9 +595,9 @@ def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> No
 def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session: Session) -> None:
     for delivery in (5, 6):
         hear(session, Deliver(delivery, "note", ahead=1))
-        session.held.begin(delivery, 1.0)
+        session.held_replies.begin(delivery, 1.0)
         assert session.reply(Reply(delivery), b"", 2.0)
     session.break_off()
-    assert not session.held.ended
+    assert not session.held_replies.ended
     hear(session, welcome())
-    assert session.take_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]
+    assert session.pop_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]

@@ -143,9 +143,9 @@ def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
 
 def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
-    with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a circle"):
+    with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a cycle"):
         user.constrain(second.achieving.end <= first.achieving.start)
-    with pytest.raises(Refused, match=r"goal 'rest' was refused: .* would be a circle"):
+    with pytest.raises(Refused, match=r"goal 'rest' was refused: .* would be a cycle"):
         user.goal(REST, constraints=[this.achieving.end <= this.achieving.start]).id  # noqa: B018
     user.constrain()
     assert user.status()["tasks"] == 2

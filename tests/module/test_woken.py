@@ -203,13 +203,13 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
     with robot.works(work) as working:
         robot.waits("query")
         working.retry()
-        again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
+        again = f"{working} was killed: it is to be handled again; query 'nobody' is given up"
         assert said.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
         robot.waits("query")
         working.kill("the floor is wet")
-        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
+        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is given up"
         assert said.get(timeout=SOON) == killed
         with pytest.raises(TaskKilled) as found:
             working.result(SOON)

@@ -37,7 +37,7 @@ class Blocking(Player):
 
     def __init__(self, *, looks: bool) -> None:
         super().__init__()
-        self.central.look_after = 0.25 if looks else 0
+        self.central.search_delay = 0.25 if looks else 0
         self.module("user")
         self.declare("user", *(message for handled in self.handled.values() for message in handled))
         for index, (name, handled) in enumerate(self.handled.items()):
@@ -63,7 +63,7 @@ class Blocking(Player):
         free, tasks = self.free(), [*self.central.tree.tasks.values()]
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         task = tasks[b % len(tasks)] if tasks else None
@@ -119,15 +119,15 @@ class Blocking(Player):
                 self.receive(who, headers.GiveUp(number))
         elif not waits_in(delivery.slot, delivery):
             for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
-                self.send(who, name, origin=delivery.given_as)
+                self.send(who, name, origin=delivery.handling_id)
             asked = [number for number in delivery.slot.outstanding if number not in waits]
-            self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
+            self.receive(who, headers.AwaitAny(delivery.handling_id, asked[-1 - c % 3 :]))
 
     def _wait_for(
         self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool
     ) -> None:
         """A wait for the first news of tasks, or of what is under them; or for the first to end."""
-        asked, origin = [], by.given_as if by else 0
+        asked, origin = [], by.handling_id if by else 0
         for task in tasks:
             number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
             about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
@@ -177,7 +177,7 @@ class Blocking(Player):
             if not (free := self.free()):
                 return
             assert free[0].slot
-            self.reply(free[0].slot.id.decode(), free[0].given_as)
+            self.reply(free[0].slot.id.decode(), free[0].handling_id)
 
 
 def is_coroutine(delivery: Delivery) -> bool:
@@ -199,7 +199,7 @@ def waits_in(slot: Connection, delivery: Delivery) -> bool:
     several.
     """
     return any(
-        wait.origin == delivery.given_as
+        wait.origin == delivery.handling_id
         if wait.is_coroutine
         else wait.since > slot.handling[delivery]
         for wait in slot.waits.values()

@@ -9,7 +9,7 @@ from sampling import lives
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.model.contexts import heard_by, monitor_of, trouble_of
+from tca_central.model.contexts import listener_cause, monitor_of, trouble_of
 from tca_central.model.deliveries import Delivery
 from tca_central.model.tasks import Task
 from tca_wire.constraints import Flags
@@ -161,7 +161,7 @@ class Life:
                     )
                 )
         attended = list(self.central.dispatcher.running.values())
-        origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
+        origin = attended[a % len(attended)].handling_id if attended and b % 2 else 0
         self.player.send(
             senders[a % len(senders)],
             self.sent_name(b),
@@ -201,8 +201,8 @@ class Life:
             delivery = attended[a % len(attended)]
             assert delivery.slot
             if a % 3 and delivery.role is Role.EXCEPTION:
-                self.player.resolve(delivery.slot.id.decode(), delivery.given_as)
-            self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
+                self.player.resolve(delivery.slot.id.decode(), delivery.handling_id)
+            self.player.reply(delivery.slot.id.decode(), delivery.handling_id, value=a)
 
     def fail_(self, a: int, b: int, c: int, *_: int) -> None:
         attended = list(self.central.dispatcher.running.values())
@@ -218,7 +218,7 @@ class Life:
                 delivery.slot.id.decode(),
                 b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION),
             )
-            self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=is_reissue)
+            self.player.fail(name, failure, delivery.handling_id, kinds=kinds, reissue=is_reissue)
 
     def request(self, header: type, *fields: Any, **options: Any) -> None:
         """Something that only the user asks for."""
@@ -315,13 +315,16 @@ class Life:
         attended, origin = list(self.central.dispatcher.running.values()), 0
         if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
             handled = attended[b % len(attended)]
-            origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
+            origin, living = (
+                handled.handling_id,
+                [one for one in self.causes(handled) if one in tasks],
+            )
             parent = living[c % len(living)] if living and a % 4 else parent
         elif parent and d % 3:  # its own, while it is at work or afterwards
             task = self.central.tree.tasks[TaskId(parent)]
             is_or_was_handled = task.is_running or (task.returned and not task.killed)
             origin = (
-                task.given_as
+                task.handling_id
                 if is_or_was_handled and not task.message.message_class.is_monitor
                 else 0
             )
@@ -339,7 +342,7 @@ class Life:
     def causes(self, handled: Delivery) -> list[int]:
         """The tasks because of which a handler may have been called."""
         if handled.role is Role.LISTENER:
-            return [heard_by(handled).tapped.task]
+            return [listener_cause(handled).tapped.task]
         if isinstance(handled, Task):
             return [int(one.id) for one in handled.lineage()]
         if handled.role:
@@ -450,7 +453,7 @@ class Life:
         if attended and c % 4:  # a handler asks
             handled = attended[a % len(attended)]
             assert handled.slot
-            name, origin = handled.slot.id.decode(), handled.given_as
+            name, origin = handled.slot.id.decode(), handled.handling_id
         timeout = self.seconds(d % 5) if c % 3 == 0 else -1
         number = self.player.number(name)
         wanted = headers.Lock(

@@ -103,7 +103,7 @@ class LifeOfStates(Life):
             ]
             one = others[b % len(others)] if others and b % 3 == 0 else None
             name, origin = (
-                (one.slot.id.decode(), one.given_as)
+                (one.slot.id.decode(), one.handling_id)
                 if one is not None and one.slot
                 else ("user", 0)
             )
@@ -119,7 +119,7 @@ class LifeOfStates(Life):
         if running:
             task = running[a % len(running)]
             assert task.slot is not None
-            self._ask(task.slot.id.decode(), task.given_as, task.id, Party.SERVER, b, c, d)
+            self._ask(task.slot.id.decode(), task.handling_id, task.id, Party.SERVER, b, c, d)
 
     def _ask(
         self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int

@@ -215,7 +215,7 @@ class Oracle:
         whose = [
             modules[job.slot]
             for job in self.world.everything()
-            if job.slot and job.given_as == origin
+            if job.slot and job.handling_id == origin
         ]
         return 0 if whose and modules[connection] not in whose else origin
 
@@ -311,8 +311,10 @@ class Oracle:
 
     # --- handlers return --------------------------------------------------------------------------
 
-    def _returned(self, given_as: int) -> Job:
-        (job,) = (job for job in self.world.everything() if job.slot and job.given_as == given_as)
+    def _returned(self, handling_id: int) -> Job:
+        (job,) = (
+            job for job in self.world.everything() if job.slot and job.handling_id == handling_id
+        )
         job.slot, job.nested = "", False
         return job
 
@@ -424,7 +426,7 @@ class Oracle:
             (
                 one
                 for one in self.world.nodes.values()
-                if one.slot and one.given_as == header.origin
+                if one.slot and one.handling_id == header.origin
             ),
             None,
         )

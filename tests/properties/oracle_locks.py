@@ -24,7 +24,7 @@ def lock(world: World, connection: str, header: headers.Lock) -> None:
     holders = [
         job
         for job in world.everything()
-        if job.slot and header.origin and job.given_as == header.origin
+        if job.slot and header.origin and job.handling_id == header.origin
     ]
     resource = fact.module, fact.resource
     is_inside = connection in busy_slots(world, resource)

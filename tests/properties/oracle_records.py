@@ -49,7 +49,7 @@ class Job:
     since: tuple[int, int] = (0, 0)  # when it came to wait (step, round)
     arrival: tuple[int, int] | None = None  # the same for the first time, unless it lost its place
     slot: str = ""  # the connection that has it
-    given_as: int = 0
+    handling_id: int = 0
     nested: bool = False  # has a slot beyond the capacity
     turn: int = 0  # how many were given away when it was
     origin: int = 0  # the delivery whose handler sent it

@@ -330,7 +330,7 @@ def _consider_start(
     node.waiting = True
     world.spared.discard(node)  # it has come to wait again
     if node.again:
-        node.again, node.recovering, node.given_as = False, None, 0
+        node.again, node.recovering, node.handling_id = False, None, 0
         oracle_locks.end_for(world, node)
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since

@@ -86,7 +86,7 @@ def _give_next(world: World, choices: Choices) -> Job | Claim | None:
                 del world.seen.given[0]
                 return one
         elif isinstance(fact, facts.Delivered) and one.id == fact.message_id and slot in slots:
-            one.given_as = fact.id
+            one.handling_id = fact.id
             _deliver(world, one, slot, nested=slots[slot])
             del world.seen.given[0]
             return one

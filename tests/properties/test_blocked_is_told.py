@@ -68,7 +68,9 @@ class Told(Folding, Blocking):
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
         told = sorted(wait.awaited for wait in waits if wait.end is None)
         connections = self.central.registry.connections.values()
-        open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
+        open_waits = [
+            (one, number) for one in connections for number in (*one.waits, *one.brief_waits)
+        ]
         assert told == sorted(awaited(one, number) for one, number in open_waits)
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
@@ -76,8 +78,8 @@ class Told(Folding, Blocking):
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         slot = delivery.slot if delivery else None
         slot = slot or self.central.registry.connections[b"user"]  # type: ignore[index]
-        name, origin = slot.id.decode(), delivery.given_as if delivery else 0
-        if not delivery and (slot.waits or slot.pauses):
+        name, origin = slot.id.decode(), delivery.handling_id if delivery else 0
+        if not delivery and (slot.waits or slot.brief_waits):
             return
         if what.startswith("ask"):
             self.ask(name, origin, what, b, brief=brief)
@@ -117,10 +119,10 @@ class Told(Folding, Blocking):
         """Somebody waits no longer, or is lost."""
         connections = self.central.registry.connections.values()
         if what == "give up":
-            for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
+            for one in [one for one in connections if one.waits or one.brief_waits][b % 4 :][:1]:
                 name, (number, wait) = (
                     one.id.decode(),
-                    next(iter((*one.pauses.items(), *one.waits.items()))),
+                    next(iter((*one.brief_waits.items(), *one.waits.items()))),
                 )
                 self.receive(
                     name, headers.GiveUp(number, self.number(name) if c % 2 else 0, wait.origin)
@@ -134,7 +136,7 @@ class Told(Folding, Blocking):
         return [
             one
             for slot, one in newest.items()
-            if slot and not waits_in(slot, one) and not slot.pauses
+            if slot and not waits_in(slot, one) and not slot.brief_waits
         ]
 
 

@@ -15,7 +15,15 @@ from sampling import lives
 
 from tca_tools.analysis.failures import failures
 from tca_tools.explain.story import story
-from tca_tools.journal.fates import Failing, Fate, failing, fate, is_told, told_to, went_on
+from tca_tools.journal.fates import (
+    Failing,
+    Fate,
+    describe_asker,
+    failing,
+    fate,
+    is_reported,
+    run_continued,
+)
 from tca_tools.journal.records import Handling, Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -35,7 +43,7 @@ class Answers:
         self.answered = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Answered)}
         self.failed = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Failed)}
 
-    def is_told(self, query: Message, time: float) -> bool:
+    def is_reported(self, query: Message, time: float) -> bool:
         """Whether an answer, or the failure of its monitor, came of its failure, while whoever
         asked still ran.
         """
@@ -65,7 +73,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
         elif message.message_class is MessageClass.QUERY:
             for time, failure in message.became("failure"):
                 if failure:
-                    assert is_told(run, message, time) == answers.is_told(message, time), (
+                    assert is_reported(run, message, time) == answers.is_reported(message, time), (
                         f"{message} at {time}"
                     )
                     _assert_told(run, message, time)
@@ -87,9 +95,9 @@ def _assert_known(run: Run, text: str, moment: float) -> None:
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:
     """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
-    told = told_to(run, failed, time)
+    told = describe_asker(run, failed, time)
     if told.startswith(Fate.UNTOLD.words):
-        assert not went_on(run, failed, time)
+        assert not run_continued(run, failed, time)
         assert fate(run, failed, time) is Fate.UNTOLD
     elif told:
         assert not _has_ended(failed, time), told

@@ -106,7 +106,7 @@ class Life(Blocking):
         free, tasks = self.free(), list(self.central.tree.tasks.values())
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         if what == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
@@ -142,7 +142,7 @@ class Life(Blocking):
         """Another task; now and then one that waits for a moment of another, or is waited for."""
         tasks = list(self.central.tree.tasks.values())
         who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
         constraints = []
         if tasks and c % 2 == 0:
@@ -181,7 +181,7 @@ class Again(Player):
 
     def __init__(self, life: Life) -> None:
         super().__init__(check=False)
-        self.central.look_after = 0
+        self.central.search_delay = 0
         for event in life.events:
             self.event(event)
         self.time, self.numbers = life.time, dict(life.numbers)
@@ -248,8 +248,8 @@ class Again(Player):
         """
         if run.slot is not None:
             if run.role is Role.EXCEPTION:
-                self.resolve(run.slot.id.decode(), run.given_as)
-            self.reply(run.slot.id.decode(), run.given_as)
+                self.resolve(run.slot.id.decode(), run.handling_id)
+            self.reply(run.slot.id.decode(), run.handling_id)
 
     def take(self, name: str) -> None:
         """A module joins that handles it."""
@@ -266,7 +266,7 @@ def may_return(central: Central) -> list[Delivery]:
 
 
 def _pauses(slot: Connection, run: Delivery) -> bool:
-    return any(pause.since > slot.handling[run] for pause in slot.pauses.values())
+    return any(pause.since > slot.handling[run] for pause in slot.brief_waits.values())
 
 
 def may_be_released(central: Central) -> list[ModuleClaim]:
@@ -278,7 +278,7 @@ def may_be_released(central: Central) -> list[ModuleClaim]:
     return [
         one
         for one in granted
-        if (one.holder in free if one.holder else not (one.slot.waits or one.slot.pauses))
+        if (one.holder in free if one.holder else not (one.slot.waits or one.slot.brief_waits))
     ]
 
 

@@ -77,7 +77,7 @@ def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
         assert free.slot is not None
         who = free.slot.id.decode()
         number = player.number(who)
-        player.receive(who, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
+        player.receive(who, headers.Lock(number, "b", "", origin=free.handling_id, blocking=True))
         player.time += 0.25
         player.tick(0.0)
         assert player.central.scan is not None
@@ -99,7 +99,7 @@ def looks_at(edges: int) -> Iterator[None]:
 def look_to_the_end(player: Player) -> None:
     """Let central finish what it looks at, and what follows from that."""
     for _ in range(10_000):
-        if player.central.next_look is None:
+        if player.central.search_timer is None:
             return
         player.tick(0.25)
     raise AssertionError("central never stops to look")

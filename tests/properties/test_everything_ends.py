@@ -57,7 +57,9 @@ class Troubled(Blocking):
         match what:
             case "fail" if who is not None and who.slot is not None:
                 is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
-                self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
+                self.fail(
+                    who.slot.id.decode(), FAILURES[c % 3], who.handling_id, reissue=is_reissued
+                )
             case "raise" if task:
                 self.request("operator", headers.Raise, task, FAILURES[c % 3])
             case "retry" if task:
@@ -125,7 +127,7 @@ def come_to_an_end(player: Player) -> None:
                 player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
         if free := free_handlers(central):
             assert free[0].slot
-            player.reply(free[0].slot.id.decode(), free[0].given_as, value=False)
+            player.reply(free[0].slot.id.decode(), free[0].handling_id, value=False)
         player.tick(10.0)
         quiet, rounds = 0 if free else quiet + 1, rounds + 1
     waits = [(slot.id, number) for slot in central.blocked for number in slot.waits]

@@ -16,7 +16,7 @@ from tca_central.core import Central
 from tca_central.model.clock import Timer
 from tca_central.model.contexts import Listening
 from tca_central.model.deliveries import Delivery
-from tca_central.model.tasks import Clients, Keeping, Plans, Recovery, Tapping, Watch
+from tca_central.model.tasks import Clients, Plans, Recovery, Retention, Tapping, Watch
 from tca_central.order.holds import PendingDelay
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
@@ -31,7 +31,7 @@ PASSING = (
     Tapping,
     Plans,
     Clients,
-    Keeping,
+    Retention,
     Watch,
     PendingKill,
     PendingDeadline,

@@ -83,7 +83,7 @@ class AskedLife(Life):
             serial = (-1, task.serial, max(task.serial - 1, 0))[c % 3]
             value = b if name == "result available" else None
             self.player.change(
-                task.slot.id.decode(), task.id, name, value, serial=serial, origin=task.given_as
+                task.slot.id.decode(), task.id, name, value, serial=serial, origin=task.handling_id
             )
 
 

@@ -54,7 +54,7 @@ class Worker:
         self.to_central.clear()
         self.from_central.clear()
         self.slot = ConnectionId(f"{self.name}/1/{self.breaks}".encode())
-        self.session.tend(self.now, self.now)
+        self.session.send_due(self.now, self.now)
         self.post()
 
     def reconnect(self) -> None:
@@ -71,11 +71,11 @@ class Worker:
     def is_busy(self) -> bool:
         session = self.session
         has_packets = self.from_central or self.to_central or session.outgoing
-        return bool(has_packets or session.deliveries or session.ahead or self.locking)
+        return bool(has_packets or session.deliveries or session.prefetched or self.locking)
 
     def post(self) -> None:
         """What the session says is on its way, in order."""
-        self.to_central.extend(self.session.take_outgoing(lambda: self.now))
+        self.to_central.extend(self.session.pop_outgoing(lambda: self.now))
 
     def listen(self) -> None:
         if self.from_central:
@@ -87,11 +87,11 @@ class Worker:
         a callback's lock.
         """
         waiting = self.session.deliveries or (
-            None if self.session.is_claiming else self.session.ahead
+            None if self.session.is_claiming else self.session.prefetched
         )
         if not self.handling and waiting:
             self.handling = waiting.popleft()[0].delivery
-            self.session.held.begin(self.handling, self.now)
+            self.session.held_replies.begin(self.handling, self.now)
             self.town.begins(self, self.handling)
 
     def lock(self) -> None:

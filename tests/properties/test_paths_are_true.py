@@ -16,7 +16,7 @@ from sampling import lives
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
-from tca_tools.analysis.step_words import why_then
+from tca_tools.analysis.step_words import why_not_sooner
 from tca_tools.analysis.steps import Doing
 from tca_tools.explain.graph import Ends
 from tca_tools.journal.at_time import RunAt
@@ -101,7 +101,7 @@ def test_paths_say_what_was_so(taken: Steps) -> None:
         if not path.steps:
             continue
         said = "\n".join(
-            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_then(run, one)}"
+            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_not_sooner(run, one)}"
             for one in path.steps
         )
         assert path.end == min(seen.ends(task.id), run.time), (

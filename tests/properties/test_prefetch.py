@@ -16,7 +16,7 @@ from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import Effect, RequestReceived, Tick
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.order import ahead
+from tca_central.order import prefetching
 from tca_wire.packets import headers
 from tca_wire.packets.parts import EndedRun
 from tca_wire.points import TaskId
@@ -26,8 +26,8 @@ from tca_wire.vocabulary import Condition
 @pytest.fixture(autouse=True, scope="module")
 def every_handler_is_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ahead, "QUICK", float("inf"))
-        patch.setattr(ahead, "QUICK_RUNS", 0)
+        patch.setattr(prefetching, "QUICK", float("inf"))
+        patch.setattr(prefetching, "QUICK_RUNS", 0)
         yield
 
 
@@ -44,14 +44,14 @@ class ToldLate:
         self.recalled: list[Connection] = []
         self.most = self.recalls = self.tapped = 0
 
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        del is_there
-        self.central.deliver(delivery, slot, is_there=False)
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
+        del is_prefetched
+        self.central.deliver(delivery, slot, is_prefetched=False)
 
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+    def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         assert slot.resource is not None
         self.tapped += bool(delivery.message.taps)
-        self.most = max(self.most, len(slot.resource.ahead))
+        self.most = max(self.most, len(slot.resource.prefetched))
 
     def recall(self, slot: Connection) -> None:
         self.recalls += 1
@@ -68,7 +68,7 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher.messages_ahead._out = ToldLate(self.central)
+        self.out = dispatcher._out = dispatcher.prefetcher._out = ToldLate(self.central)
         self.joined = 0
 
     def _judged(self, event: Any) -> list[Effect]:
@@ -90,12 +90,14 @@ class PrefetchPlayer(JudgedPlayer):
         """The slot has handled some of what it has ahead, too, and says all at once."""
         slot = self.central.registry.connections[event.connection]
         others = (
-            list(slot.resource.ahead)[: round(event.time) % 3] if slot.resource is not None else []
+            list(slot.resource.prefetched)[: round(event.time) % 3]
+            if slot.resource is not None
+            else []
         )
         if not others or slot.resource.is_recalling or len(slot.handling) > 1:  # type: ignore[union-attr]
             return event
         self.joined += len(others)
-        numbers = [header.delivery, *(one.given_as for one in others)]
+        numbers = [header.delivery, *(one.handling_id for one in others)]
         runs = [
             EndedRun(one, 0.1 * ago, 0.1, len(event.body))
             for ago, one in enumerate(reversed(numbers))
@@ -109,7 +111,7 @@ class PrefetchPlayer(JudgedPlayer):
         """Whether what a slot has ahead would come too late if it gave that back later: when it
         claims something itself, and when handlers come or go.
         """
-        if slot.resource is None or not slot.resource.ahead or isinstance(event, Tick):
+        if slot.resource is None or not slot.resource.prefetched or isinstance(event, Tick):
             return False
         is_own = isinstance(event, RequestReceived) and event.connection == slot.id
         if isinstance(event, RequestReceived) and not isinstance(event.header, HANDLERS_CHANGE):
@@ -117,7 +119,11 @@ class PrefetchPlayer(JudgedPlayer):
         return True
 
     def _give_back(self, slot: Connection, time: float) -> list[Effect]:
-        unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
+        unbegun = (
+            [one.handling_id for one in slot.resource.prefetched]
+            if slot.resource is not None
+            else []
+        )
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
         self.central._receive(event, effects)  # timers that are due have an event of their own

@@ -22,13 +22,13 @@ from tca_central.errors import CentralError, DiskFull
 from tca_central.events import (
     AWAY,
     Arrived,
+    ConfirmTasks,
     ConnectionId,
     ConnectionLost,
     Event,
     Input,
     Record,
     RequestReceived,
-    TellAll,
     Tick,
 )
 from tca_central.image.encoder import can_encode, encode
@@ -113,7 +113,7 @@ class Daemon:
         folder, options = self.disk.folder, self._options
         folder.mkdir()
         central = Central("simulated")
-        central.dispatcher.messages_ahead.trusts_all = options.trusts_all
+        central.dispatcher.prefetcher.trusts_all = options.trusts_all
         InputLog(folder, epoch=central.epoch, sync=options.sync)
         write_image(encode(central), folder / f"00000001{IMAGE_SUFFIX}")
         self.disk.kill()
@@ -327,8 +327,8 @@ class Daemon:
         if is_sweep:
             self._next_sweep = self.now + SWEEP_PERIOD
         self._next_beat = self.now + BEAT_PERIOD
-        if core.untold:
-            yield TellAll(self.now)
+        if core.unconfirmed:
+            yield ConfirmTasks(self.now)
         for connection in [
             one for one in core.registry.connections.values() if is_sweep or one.outstanding
         ]:

@@ -174,7 +174,7 @@ class Life:
 
     def _is_idle(self, process: Process) -> bool:
         return all(
-            not thread.stack and thread.session.is_welcome and not thread.session.ahead
+            not thread.stack and thread.session.is_welcome and not thread.session.prefetched
             for thread in process.threads
         )
 

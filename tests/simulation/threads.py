@@ -157,7 +157,7 @@ class Thread:
         session = self.session
         if not session.outgoing:
             return
-        outgoing = session.take_outgoing(lambda: self.now)
+        outgoing = session.pop_outgoing(lambda: self.now)
         for before, packet in codec.packets(outgoing):
             if not self.socket.send(packet):
                 session.outgoing = outgoing[before:]
@@ -199,7 +199,7 @@ class Thread:
             return
         waits = bool(self.stack)
         quiet = quiet_within(PATIENCE if waits else FOR_EVER, is_idle=not waits)
-        due = session.tend(self.now, self.stack[-1].since if waits else self._since, quiet)
+        due = session.send_due(self.now, self.stack[-1].since if waits else self._since, quiet)
         self.flush()
         if session.outgoing or not session.is_welcome:
             due = min(due, self.now + 0.2)
@@ -214,15 +214,15 @@ class Thread:
         session = self.session
         if self.arrived:
             self._take_in(self.arrived.popleft())
-        elif session.news:
-            session.news.popleft()()
+        elif session.pending_calls:
+            session.pending_calls.popleft()()
         elif self.stack and self._goes_on(self.stack[-1]):
             pass
         elif session.deliveries:
             self._begin(*session.deliveries.popleft())
         elif session.has_next and not session.is_claiming and not self.stack:
-            header, body = session.ahead.popleft()
-            session.held.begin(header.delivery, self.now)
+            header, body = session.prefetched.popleft()
+            session.held_replies.begin(header.delivery, self.now)
             self._begin(header, body)
             if self.is_busy or not session.has_next:
                 self._end_turn()
@@ -231,11 +231,11 @@ class Thread:
         return True
 
     def _end_turn(self) -> None:
-        if self.session.held.ended and self.is_busy:
+        if self.session.held_replies.ended and self.is_busy:
             self.clockwork.after(LATE, self._flush_late)  # by another thread
         else:
             self.flush()
-        self.session.held.stop()
+        self.session.held_replies.stop()
 
     def _flush_late(self) -> None:
         if not self.is_over:
@@ -283,7 +283,7 @@ class Thread:
         if reason and (
             not is_over or (reason == KILLED and request is not None and request.is_ended_by_kill)
         ):
-            session.open_deliveries.mark_told(work.open)
+            session.open_deliveries.mark_notified(work.open)
             self._give_up(work, reason)
         elif is_over:
             assert request is not None
@@ -359,7 +359,7 @@ class Thread:
         reply: headers.Reply | headers.Fail = headers.Reply(
             delivery.delivery, self.now - work.began
         )
-        if failing is None and self.session.open_deliveries.was_told_to_end(delivery.delivery):
+        if failing is None and self.session.open_deliveries.was_woken_to_end(delivery.delivery):
             failing = Failing("module lost")
         if failing is not None:
             reply, body = (
@@ -379,13 +379,13 @@ class Thread:
         if self.stack or (not self.number and self.process.has_slots):
             return False
         session = self.session
-        if session.ahead:
-            session.give_back()
+        if session.prefetched:
+            session.return_prefetched()
         if self._lingers_until == FOR_EVER:
             self._lingers_until = self.now + PATIENCE
-            if session.is_welcome and not session.is_settled:
+            if session.is_welcome and not session.is_confirmed:
                 session.confirm()
-        if session.is_welcome and not session.is_settled and self.now < self._lingers_until:
+        if session.is_welcome and not session.is_confirmed and self.now < self._lingers_until:
             self.wake(self._lingers_until)
             return False
         self.session.post(headers.Bye())
@@ -469,7 +469,7 @@ class Process:
         self.clockwork.say(self.name, "leaves")
         self.is_leaving = True
         first = self.threads[0]
-        first.session.withdrawn()
+        first.session.forget_handlers()
         first.session.request(headers.Unregister(0, []))
         for thread in self.threads:
             if not thread.is_over and not thread.is_busy:

@@ -237,11 +237,11 @@ class TownProgram(Program):
             }
         ]
         yield session.request(headers.Register(0, formats))
-        session.declared(formats, [])
+        session.add_declared(formats, [])
         if self.name == "expert":
             yield from self._attach(hands)
         yield session.request(headers.Register(0, [], handlers, is_ready=True))
-        session.declared([], handlers, is_ready=True)
+        session.add_declared([], handlers, is_ready=True)
         for resource in handled:
             for _ in range(SLOTS.get(resource, 1)):
                 process.open_slot(resource)
@@ -369,7 +369,7 @@ def _locks(hands: Hands) -> Steps:
         return None
     if request.answers[-1][0].outcome is Outcome.DONE:
         yield Nap(hands.dice.choice((hands.options.slow, 5.0)))
-        if not request.taken:
+        if not request.why_lock_lost:
             hands.outside.holds(hands.thread, "eye", hands.origin, 1.0 + 3 * hands.options.delay)
         yield hands.do(headers.Release(0, request.header.number, hands.origin))
     return None
@@ -432,7 +432,7 @@ class User(TownProgram):
         ]
         formats = [FORMATS[name] for name in USED["user"]]
         yield session.request(headers.Register(0, formats))
-        session.declared(formats, [])
+        session.add_declared(formats, [])
         while self.left > 0:
             self.left -= 1
             try:

@@ -29,7 +29,7 @@ from tca_tools.analysis.critical_path import critical_path, last_task, longest_t
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.step_words import why_then
+from tca_tools.analysis.step_words import why_not_sooner
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of, summary
 from tca_tools.explain.graph import causes
@@ -41,7 +41,14 @@ from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.window import ALL, Pick
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import begun_again_with, coped_with, fate, hinges, told_to, went_on
+from tca_tools.journal.fates import (
+    describe_asker,
+    fate,
+    has_run_survived,
+    retried_ancestor,
+    run_continued,
+    undecided_by,
+)
 from tca_tools.journal.fold import History
 from tca_tools.journal.lives import life_at
 from tca_tools.journal.selection import messages_of, waited_for
@@ -174,18 +181,18 @@ def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> li
     failed = run.messages[number]
     told = [
         fate(run, failed, at, known).name,
-        "goes on" if went_on(run, failed, at, known) else "ends",
-        told_to(run, failed, at, known),
+        "goes on" if run_continued(run, failed, at, known) else "ends",
+        describe_asker(run, failed, at, known),
     ]
     if task := run.tasks.get(TaskId(number)):
-        again = begun_again_with(run, task, at, known)
+        again = retried_ancestor(run, task, at, known)
         told.append(f"begun again with {again}" if again else "")
-    told.append(f"depends on {len(hinges(run, failed, at))}")
+    told.append(f"depends on {len(undecided_by(run, failed, at))}")
     return ["; ".join(filter(None, told))]
 
 
 def coped(run: Run, number: int, at: float) -> list[str]:
-    return [str(coped_with(run, run.messages[number], at))]
+    return [str(has_run_survived(run, run.messages[number], at))]
 
 
 def path(run: Run, number: int = 0) -> list[str]:
@@ -197,7 +204,7 @@ def path(run: Run, number: int = 0) -> list[str]:
     told = []
     for step in found.steps:
         what = run.name(step.message_id) if step.doing is Doing.WORK else str(step.doing)
-        why = why_then(run, step)
+        why = why_not_sooner(run, step)
         told.append(
             f"{step.start:g} to {step.end:g}: {what}{f' in {step.module}' if step.module else ''}{f': {why}' if why else ''}"
         )
@@ -255,7 +262,7 @@ def all_of_a_chart(drawing: Chart) -> Iterator[str]:
             )
             yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
             yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
-            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
+            yield from [f"    {bar.reason(200)}"] * (bar.why is not None)
 
 
 def trace_of(run: Run) -> Read:
@@ -385,7 +392,7 @@ def figures(run: Run, at: float | None = None) -> list[str]:
         known = {name: getattr(one, name) for name in one.__slots__ if getattr(one, name)}
         counts = [f"{value} {name}" for name, value in known.items() if isinstance(value, int)]
         times = [
-            f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.going_on)} go on)' * bool(value.going_on)}"
+            f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.open_times)} go on)' * bool(value.open_times)}"
             for name, value in known.items()
             if isinstance(value, Times) and value.seconds
         ]

@@ -165,7 +165,7 @@ def test_a_report_tells_what_the_preview_gained(
         assert tca("report", log, "-o", page).exit_code == 0
         cells = re.findall(r"<tr><td>deliver</td>(.*)</tr>", page.read_text())
         assert [" ".join(re.findall(r">([^<]+)</td>", one)) for one in cells] == [row] * bool(row)
-        assert ("What the preview gained" in page.read_text()) == bool(row)
+        assert ("Gain of the preview" in page.read_text()) == bool(row)
 
 
 def test_what_started_late_is_told_everywhere(
@@ -232,4 +232,4 @@ def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> 
 def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
     result = tca("schedule", run)
     assert result.exit_code == 1
-    assert "run: no coordinator has begun a task in this run" in result.stderr
+    assert "run: no coordinator has started a task in this run" in result.stderr

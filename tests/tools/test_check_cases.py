@@ -120,7 +120,8 @@ def test_cases_come_from_a_function() -> None:
 
 def test_the_explorer_has_no_whole_runs() -> None:
     with pytest.raises(
-        ScenarioError, match="'it, in all cases' counts cases of a whole run: ask it of a journal"
+        ScenarioError,
+        match="'it, in all cases' counts the cases of a whole run: check it with tca check",
     ):
         Scenario("walking", in_all_cases(it))
 

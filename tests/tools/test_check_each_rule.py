@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tca_tools.check import rules
-from tca_tools.check.events import take_event
+from tca_tools.check.events import check_event
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import (
@@ -68,7 +68,7 @@ def broken(*told: Fact | float) -> set[str]:
             now = one
         else:
             world.violations.clear()
-            take_event(world, Entry(number, now, [one]))
+            check_event(world, Entry(number, now, [one]))
     return {violation.rule for violation in world.violations}
 
 

@@ -262,7 +262,7 @@ def what_waits_is_left_alone(patch: Patch) -> None:
 
 
 def what_was_passed_over_is_forgotten(patch: Patch) -> None:
-    patch.setattr(joining, "listeners_come", lambda *_: None)
+    patch.setattr(joining, "on_listeners_added", lambda *_: None)
 
 
 def what_is_handled_once_more_is_not_held(patch: Patch) -> None:

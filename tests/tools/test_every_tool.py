@@ -213,7 +213,7 @@ def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(
     path, out = tmp_path / "run.tcaj", tmp_path / "run.html"
     path.write_bytes(with_holes(story.entries, [lost]))
     assert tca("report", path, "-o", out).stderr.count("a damaged entry is left out") == 1
-    assert "Not all of the journal can be read: " in out.read_text()
+    assert "A part of the journal can't be read: " in out.read_text()
 
 
 WIDTHS = [

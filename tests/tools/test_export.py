@@ -123,11 +123,11 @@ def test_the_name_tells_the_format(run: Path, tmp_path: Path) -> None:
     assert json.loads(shown.splitlines()[0])["kind"] == "opened"
     result = exported(run, "-o", tmp_path / "run.json")
     assert result.exit_code == 2
-    assert "its name tells no format: add --to with one of perfetto, mcap" in result.stderr
+    assert "its suffix is that of no format: add --to with one of perfetto, mcap" in result.stderr
     for name in ("csv", "parquet"):
         result = exported(run, "-o", tmp_path / f"x.{name}")
         assert result.exit_code == 2
-        said = f"{name} is no single file but a folder of tables: name the folder: --to {name} -o {tmp_path / 'x'}\n"
+        said = f"{name} is a folder of tables, not a file: name the folder: --to {name} -o {tmp_path / 'x'}\n"
         assert said in result.stderr
         assert not (tmp_path / f"x.{name}").exists()
     assert "'xml' is not one of" in exported(run, "--to", "xml", "-o", tmp_path / "x").stderr

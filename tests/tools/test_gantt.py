@@ -43,7 +43,7 @@ def test_all_bars(expect: Expect) -> None:
     drawings = [
         chart(stumbling().fold()),
         chart(locking().fold()),
-        chart(walking().fold(), pick=Pick(messages={2, 3}, beside={5}, held={3})),
+        chart(walking().fold(), pick=Pick(messages={2, 3}, context={5}, held={3})),
     ]
     expect(
         "gantt_bars",
@@ -114,7 +114,7 @@ def test_a_suspended_task_is_in_the_row_of_its_module() -> None:
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
     drawing = chart(made("two_waiting").fold(), pick=Pick(held={3, 4}))
     (row,) = (row for row in drawing.rows if row.held)
-    assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
+    assert sorted((bar.lane, bar.start, bar.end, bar.reason(200)) for bar in row.held) == [
         (0, 1.0, 3.0, "move {3}: until move {1} and look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
         (1, 1.0, 3.0, "move {4}: until move {1} and look {2} are achieved"),

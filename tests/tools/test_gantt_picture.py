@@ -186,21 +186,21 @@ def test_the_width_of_a_text(words: str, pixels: float) -> None:
 SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
-def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> ResourceRow:
+def queue(*bars: tuple[float, float], is_without_module: bool = False) -> ResourceRow:
     """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
     waiting = [
         Bar("step", start, end, kind=BarKind.QUEUED, lane=lane)
         for lane, (start, end) in enumerate(bars)
     ]
-    return ResourceRow("legs", queued=waiting, is_nobodys=is_nobodys)
+    return ResourceRow("legs", queued=waiting, is_without_module=is_without_module)
 
 
 def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
     assert not is_curve(queue((0, 40), (10, 50), (20, 25)), SCALE)
     assert is_curve(queue((0, 4), (10, 15), (20, 25)), SCALE)
     assert is_curve(queue(*[(0, 40)] * 7), SCALE)
-    assert not is_curve(queue(*[(0, 40)] * 3, is_nobodys=True), SCALE)
-    assert is_curve(queue(*[(0, 40)] * 4, is_nobodys=True), SCALE)  # they take little room
+    assert not is_curve(queue(*[(0, 40)] * 3, is_without_module=True), SCALE)
+    assert is_curve(queue(*[(0, 40)] * 4, is_without_module=True), SCALE)  # they take little room
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
 
 
 def test_where_never_more_than_one_waits_no_number_is_needed() -> None:
-    row = queue((0, 4), is_nobodys=True)
+    row = queue((0, 4), is_without_module=True)
     assert len(list(curve(row, SCALE, 1.0, 0.0))) == 1
     assert queue_height(row, is_curve=True) == queue_height(row, is_curve=False)
 
@@ -231,7 +231,7 @@ def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
     story = Story().module("legs", "step").at(1.0)
     tasks = [TaskId(story.command("step", "user")) for _ in range(5)]
     picture = drawn(story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(9.0))
-    assert ">how many are queued or suspended</text>" in picture
+    assert ">number queued or suspended</text>" in picture
     assert "up to 5 suspended" in picture
     assert ">suspended</text>" not in picture
 

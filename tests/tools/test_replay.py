@@ -138,9 +138,9 @@ def test_the_next_failure_and_what_became_of_it() -> None:
         assert player.story.count("terrain collision: leg 4 met") == 1
         assert any("move body {7}" in line and "failed" in line for line in player.tree)
         await player.press("f")
-        assert "no failure follows" in player.heading
+        assert "no later failure" in player.heading
         await player.press("home", "F")
-        assert "no failure before" in player.heading
+        assert "no earlier failure" in player.heading
 
     play(stumbling().entries, act)
 
@@ -244,9 +244,12 @@ def test_search_finds_failures_and_goes_on_from_the_start() -> None:
         await player.ask("slash", "Leg 4 met")
         assert (player.time, player.app.selected) == (4.5, 7)
         await player.ask("slash", "take")
-        assert (player.app.selected, "found from the start again" in player.heading) == (2, True)
+        assert (player.app.selected, "search continued from the start" in player.heading) == (
+            2,
+            True,
+        )
         await player.press("N")
-        assert (player.app.selected, "found from the end again" in player.heading) == (4, True)
+        assert (player.app.selected, "search continued from the end" in player.heading) == (4, True)
         await player.press("home")
         await player.ask("slash", "collision")  # of a name and a failure what comes first
         assert player.time == 4.5
@@ -306,7 +309,7 @@ def test_going_to_a_time() -> None:
         assert player.app.place == player.app.recording.last
         assert "the journal ends at 5.000 s" in player.heading
         await player.ask("g", "soon")
-        assert "'soon' is no time" in player.heading
+        assert "'soon' is not a time" in player.heading
         await player.press("g", "1", "left", "9")  # the arrow moves within what is typed
         assert player.app.query_one(Question).value == "91"
         await player.press("escape", "home")
@@ -436,7 +439,9 @@ def test_of_very_many_tasks_a_few_are_shown() -> None:
     recording = Recording(story.entries)
     at = recording.at(recording.last)
     rows = rows_at(at, 0, {})
-    assert [recording.under_way(recording.at(place)) for place in (recording.last, 2001, 0)] == [
+    assert [
+        recording.count_open_tasks(recording.at(place)) for place in (recording.last, 2001, 0)
+    ] == [
         5,
         3,
         0,

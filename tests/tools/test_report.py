@@ -136,7 +136,7 @@ def test_what_was_dropped_went_wrong(reported: Reported) -> None:
     assert "10,000 of pose dropped: its handler was too slow, left or died" in shown.text
     assert "5,000 of level dropped" in shown.text
     assert "2 more messages had drops: tca stats" in shown.text
-    assert "Nothing: no failure was raised" not in shown.text
+    assert "None: no failure was raised" not in shown.text
 
 
 def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
         assert tca_report(run, "-o", out).exit_code == 0
     shown = Page(out.read_text())
     assert re.search(
-        r"; it is still running : this is how it was at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text
+        r"; it is still running : this is its state at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text
     )
     assert "The top-level task is still running, as of 64." in shown.text
     assert re.search(r"6\d\.\d s from the first task to now", shown.text)
@@ -235,7 +235,7 @@ def test_a_run_of_nothing(reported: Reported) -> None:
         "No task was sent.",
         "No handler ran.",
         "No failure was raised.",
-        "Nobody waited.",
+        "Nothing waited.",
     ):
         assert words in shown.text
 
@@ -297,7 +297,7 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "what comes before it is shown" in result.output
     shown = Page((tmp_path / "bad.html").read_text())
-    assert "Not all of the journal can be read: " in shown.text
+    assert "A part of the journal can't be read: " in shown.text
     assert "traverse arc {1}" in shown.text
 
 

@@ -17,7 +17,7 @@ from tca_tools.analysis.summary import summary
 from tca_tools.explain.graph import causes, waits_now
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import Age, Last, in_the_end, last_of, reasons
-from tca_tools.explain.waits import told_waits
+from tca_tools.explain.waits import waits_for_display
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import Fate
 from tca_tools.journal.fold import History
@@ -75,7 +75,10 @@ def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> Non
     assert reasons(at, at.tasks[walk]) == [
         "until move {3}, move {4}, move {5} and 996 more are achieved"
     ]
-    assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (
+    assert (
+        len(waits_now(at, walk)),
+        len(waits_for_display(run, run.tasks[walk], together=True)),
+    ) == (
         4,
         3,
     )

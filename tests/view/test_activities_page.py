@@ -197,7 +197,7 @@ def test_application_stop_restart_and_loss_show_in_all_windows(
         page.get_by_role("button", name="stop").click()
         for one in (page, second):
             expect(one.locator("#status")).to_have_text("stopped")
-        page.get_by_role("button", name="begin anew").click()
+        page.get_by_role("button", name="initialise").click()
         expect(second.get_by_text("disabled", exact=True)).to_have_attribute("aria-current", "true")
         page.get_by_role("button", name="start").click()
         expect(second.locator("#status")).to_have_text("running")

@@ -16,7 +16,7 @@ from tca_central.events import Effect, Record
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.looks import dark
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.fates import WATCHING, Failing, has_coped, went_on
+from tca_tools.journal.fates import WATCHING, Failing, run_continued, run_continued_after
 from tca_tools.journal.fold import History
 from tca_tools.journal.outcomes import outcome_of
 from tca_tools.journal.records import OVER, TaskState
@@ -171,10 +171,10 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     ):  # at each moment what was known then, as a tree of that moment has it
         message, time, *_ = failures[row]
         if message in history.messages:
-            assert is_good == went_on(history, history.messages[message], time, turn)
+            assert is_good == run_continued(history, history.messages[message], time, turn)
             assert is_good != (
                 turn > time
-                and went_on(history, history.messages[message], time, nextafter(turn, 0.0))
+                and run_continued(history, history.messages[message], time, nextafter(turn, 0.0))
             )
     told = {
         (message, time, last.get(row, 0))
@@ -189,7 +189,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     assert len(raised) <= len(page.table("failure"))
     for message, time, is_good in told:
         if message in history.messages:
-            assert is_good == went_on(history, history.messages[message], time)
+            assert is_good == run_continued(history, history.messages[message], time)
     ended = [
         (row, span)
         for row, (*_, span, is_beside) in enumerate(page.table("failure"))
@@ -197,7 +197,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     ]
     spans = {span: last.get(row, 0) for row, span in ended}
     bad = [run for run in history.handlings if run.outcome is Outcome.FAILED]
-    assert sorted(spans.values()) == sorted(has_coped(history, run) for run in bad)
+    assert sorted(spans.values()) == sorted(run_continued_after(history, run) for run in bad)
 
 
 def test_walk_has_the_expected_columns() -> None:
@@ -314,9 +314,9 @@ def test_verdict_is_sent_when_it_changes(
 
     def counted(run: History, failed: Failing, time: float) -> bool:
         asked.append(time)
-        return went_on(run, failed, time)
+        return run_continued(run, failed, time)
 
-    monkeypatch.setattr(verdicts, "went_on", counted)
+    monkeypatch.setattr(verdicts, "run_continued", counted)
     story = Story().module("legs", "step").at(1.0)
     walk = story.goal("walk", "user")
     for number in range(50):

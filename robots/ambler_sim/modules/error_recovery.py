@@ -100,7 +100,7 @@ def plan_otherwise(task: Task) -> None:
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
         for moved in before.children(ACHIEVED_POSITION):
-            if not moved.wait().lets_go_on:
+            if not moved.wait().lets_successors_continue:
                 # The earlier step is being recovered; that recovery plans all later steps.
                 task.trouble.resolved()
                 return

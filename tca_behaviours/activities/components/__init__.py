@@ -1,4 +1,4 @@
-"""Components: typed ports, data of their own, and statecharts with orthogonal regions."""
+"""Components: typed ports, private data, and statecharts with orthogonal regions."""
 
 from tca_behaviours.activities.components.component import Component as Component
 from tca_behaviours.activities.components.component import initialise as initialise

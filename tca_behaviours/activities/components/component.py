@@ -17,8 +17,9 @@ T = TypeVar("T")
 
 
 class _Exclusion:
-    """One thread at a time is inside a component. Processors take turns anyway, so that none ever
-    waits here.
+    """A lock that admits one thread at a time to a component.
+
+    Processors take turns anyway, so none of them ever waits here.
     """
 
     def __init__(self) -> None:
@@ -38,7 +39,7 @@ class _Exclusion:
 
 
 class ComponentActivity:
-    """An activity of a component. If *state* is given it does nothing while that is not active."""
+    """An activity of a component. With a *state* it does nothing while that state is not active."""
 
     def __init__(
         self,
@@ -61,17 +62,32 @@ class ComponentActivity:
         return self.name
 
     def tick(self) -> None:
-        """Do one step, alone in the component."""
+        """Do one step, with exclusive access to the component."""
         with self._turn:
             if self._state is None or self._state.is_active:
                 self._step()
 
 
 class Component(Generic[D]):
-    """A component that others know by its ports only. Subclasses declare ports and regions in
-    ``__init__``.
+    """A part of an application, which others reach only through its ports.
 
-    *data* makes what its activities share. *period* and *estimate* are those of its port handler.
+    A subclass declares its ports and regions in ``__init__``.
+
+    Args:
+        name: The component's name, unique in its application.
+        data: Makes the data that its activities share, such as a class.
+        period: Seconds between two ticks of its port handler; default 0.02.
+        estimate: The longest execution time of the port handler in seconds; None: it is measured.
+
+    Example::
+
+        class Lamp(Component[LampData]):
+            def __init__(self, name: str) -> None:
+                super().__init__(name, LampData)
+                self.switch = self.input("switch", bool, self.take_switch)
+                power = self.region("power", period=0.1)
+                off, on = power.state("off"), power.state("on", entry=self.turn_on)
+                off.to(on, on="switched on")
     """
 
     def __init__(
@@ -95,26 +111,43 @@ class Component(Generic[D]):
     def __repr__(self) -> str:
         return f"{type(self).__name__} '{self.name}'"
 
-    # --- how it is written ------------------------------------------------------------------------
+    # --- declarations -----------------------------------------------------------------------------
 
     def input(
         self, name: str, type_: type[T], take: Callable[[T], object], *, keep: int = 1
     ) -> InputPort[T]:
-        """An input port. The port handler calls *take* with each value that has arrived: with the
-        newest one only, or with the *keep* newest ones, the oldest first.
+        """Declare an input port.
+
+        Args:
+            name: The port's name.
+            type_: The class of its values.
+            take: The port handler calls it with each value that has arrived, the oldest first.
+            keep: How many of the newest values the port holds until then; default 1.
+
+        Returns:
+            The port.
         """
         self._check_new(name)
         port = self.inputs[name] = InputPort(self.name, name, type_, take, keep)
         return port
 
     def output(self, name: str, type_: type[T]) -> OutputPort[T]:
-        """An output port."""
+        """Declare an output port for values of a class, and return it."""
         self._check_new(name)
         port = self.outputs[name] = OutputPort(self.name, name, type_)
         return port
 
     def region(self, name: str, *, period: float, estimate: float | None = None) -> Region:
-        """An orthogonal region. *period* and *estimate* are those of its state machine handler."""
+        """Declare an orthogonal region.
+
+        Args:
+            name: The region's name.
+            period: Seconds between two ticks of its state machine.
+            estimate: The longest execution time of such a tick in seconds; None: it is measured.
+
+        Returns:
+            The region; its ``state`` adds states.
+        """
         self._check_new(name)
         region = self.regions[name] = Region(self.name, name, period, estimate)
         return region
@@ -125,34 +158,40 @@ class Component(Generic[D]):
                 f"{self!r} has two ports or regions '{name}': give one of them another name"
             )
 
-    # --- at work ----------------------------------------------------------------------------------
+    # --- running ----------------------------------------------------------------------------------
 
     @property
     def data(self) -> D:
-        """What its activities share. Only they reach it, one at a time; others use the ports."""
+        """The data that its activities share. Only they may use it; others use the ports.
+
+        Raises MisuseError outside of its activities.
+        """
         if not self.turn.is_mine():
             raise MisuseError(f"the data of {self!r} are for its own activities: use a port")
-        assert self._data is not None, "initialise() comes first"
+        assert self._data is not None, "call initialise() first"
         return self._data
 
     def post(self, event: str) -> None:
-        """Tell all regions of an event; from any thread. Raises MisuseError if none has a
-        transition for it.
+        """Send an event to all regions that have a transition for it. From any thread.
+
+        Raises MisuseError if no region has.
         """
-        check_known(f"{self!r} has no event", event, sorted(self._takers))
-        for region in self._takers[event]:
+        check_known(f"{self!r} has no event", event, sorted(self._regions_by_event))
+        for region in self._regions_by_event[event]:
             region.events.append(event)
 
     def activities(self) -> list[ComponentActivity]:
-        """All its activities, in the order in which data pass through them: the port handler, the
-        state machine handlers of the regions, the activities of the states. Raises UnsoundMachine.
+        """All its activities, in the order in which data pass through them.
+
+        First comes the port handler, then the state machines of the regions, then the activities of
+        the states. Raises UnsoundMachine.
         """
         self._check()
         found: list[ComponentActivity] = []
         if self.inputs:
             found.append(
                 ComponentActivity(
-                    self, "port handler", self._take_arrived, self._period, self._estimate
+                    self, "port handler", self._deliver_arrived, self._period, self._estimate
                 )
             )
         for region in self.regions.values():
@@ -168,11 +207,11 @@ class Component(Generic[D]):
         return found
 
     def initialise(self) -> None:
-        """Begin anew: see ``initialise``."""
+        """Reset data, ports and regions, and enter the first states: see ``initialise``."""
         initialise([self])
 
-    def forget(self) -> None:
-        """Make all as it was at first: data, ports, states."""
+    def reset(self) -> None:
+        """Reset data, ports and states, without calling entry functions."""
         self._check()
         with self.turn:
             for input_ in self.inputs.values():
@@ -184,57 +223,60 @@ class Component(Generic[D]):
             for region in self.regions.values():
                 region.reset()
 
-    def begin(self) -> None:
+    def enter_first(self) -> None:
         """Call the entry functions of the first states."""
         with self.turn:
             for region in self.regions.values():
                 region.enter_first()
 
-    def _take_arrived(self) -> None:
+    def _deliver_arrived(self) -> None:
         for port in self.inputs.values():
-            port.take_arrived()
+            port.deliver_arrived()
 
-    # --- what must be true of it ------------------------------------------------------------------
+    # --- checks -----------------------------------------------------------------------------------
 
     @cached_property
-    def _takers(self) -> dict[str, list[Region]]:
-        """By the events: the regions that have transitions for them."""
-        takers: dict[str, list[Region]] = {}
+    def _regions_by_event(self) -> dict[str, list[Region]]:
+        """The regions that have a transition for an event, by event."""
+        regions: dict[str, list[Region]] = {}
         for region in self.regions.values():
             for event in {
                 event: None for state in region.states.values() for event in state.by_event if event
             }:
-                takers.setdefault(event, []).append(region)
-        return takers
+                regions.setdefault(event, []).append(region)
+        return regions
 
     def _check(self) -> None:
         for region in self.regions.values():
             for state in region.states.values():
                 for transition in state.arrows:
-                    transition.needed = [self._named(need, transition) for need in transition.needs]
+                    transition.needed = [
+                        self._needed_state(need, transition) for need in transition.needs
+                    ]
             region.check()
 
-    def _named(self, need: str, transition: RegionTransition) -> RegionState:
+    def _needed_state(self, need: str, transition: RegionTransition) -> RegionState:
         region, _, state = need.partition(".")
         if region not in self.regions or state not in self.regions[region].states:
             raise UnsoundMachine(
-                f"{transition!r} needs '{need}', which is no state: write \"region.state\""
+                f"{transition!r} needs '{need}', which is not a state: write \"region.state\""
             )
         return self.regions[region].states[state]
 
 
 def initialise(components: Iterable[Component[Any]]) -> None:
-    """Begin anew: data, ports and regions are as at first, then entry functions are called.
-    Connected components are initialised together, so that what one sets at its beginning arrives at
-    the other.
+    """Reset components: data, ports and regions first, then the entry functions are called.
+
+    Connected components are initialised together, so that a value that an entry function sets
+    arrives at the other component.
     """
     components = list(components)
     for component in components:
         if component.turn.is_mine():
             raise MisuseError(
-                f"{component!r} can't be initialised from a tick of its own: use another thread"
+                f"{component!r} can't be initialised from one of its own ticks: use another thread"
             )
     for component in components:
-        component.forget()
+        component.reset()
     for component in components:
-        component.begin()
+        component.enter_first()

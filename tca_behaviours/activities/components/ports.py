@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class _Port(Generic[T]):
-    """What ports have in common."""
+    """The common part of ports."""
 
     def __init__(self, component: str, name: str, type_: type[T]) -> None:
         if not isinstance(type_, type):
@@ -20,7 +20,7 @@ class _Port(Generic[T]):
         self.component = component
         self.name = name
         self.type = type_
-        self._fits = (type_, int) if type_ is float else (type_,)  # as in annotations
+        self._fits = (type_, int) if type_ is float else (type_,)  # float includes int, as in hints
 
     def __repr__(self) -> str:
         return f"{self.component}.{self.name} ({self.type.__name__})"
@@ -28,15 +28,14 @@ class _Port(Generic[T]):
     def _check(self, value: T) -> None:
         if not isinstance(value, self._fits):
             raise MisuseError(
-                f"port {self!r} does not take {value!r:.60}, of type {type(value).__name__}"
+                f"port {self!r} does not accept {value!r:.60}, of type {type(value).__name__}"
             )
 
 
 class InputPort(_Port[T]):
-    """Holds the values that have arrived until the component's port handler takes them, each with a
-    call of *take*.
+    """Holds arrived values until the component's port handler passes them to *take*, one by one.
 
-    It keeps the newest value, or a queue of the *keep* newest ones.
+    It holds the newest value, or the *keep* newest ones.
     """
 
     def __init__(
@@ -45,62 +44,64 @@ class InputPort(_Port[T]):
         super().__init__(component, name, type_)
         if keep < 1:
             raise MisuseError(f"port {self!r}: keep must be 1 or more, not {keep}")
-        self.lost = 0  #: values that gave way to newer ones
+        self.lost = 0  #: the number of values that newer ones have replaced
         self._take = take
         self._arrived: deque[T] = deque(maxlen=keep)
 
     def put(self, value: T) -> None:
-        """A value arrives, from any thread. Raises MisuseError if it is of another type."""
+        """Receive a value. From any thread. Raises MisuseError if its type does not fit."""
         self._check(value)
         self.lost += len(self._arrived) == self._arrived.maxlen
         self._arrived.append(value)
 
-    def take_arrived(self) -> None:
-        """Hand the values that have arrived so far to the component."""
+    def deliver_arrived(self) -> None:
+        """Pass the values that have arrived so far to the component."""
         for _ in range(len(self._arrived)):
             self._take(self._arrived.popleft())
 
     def clear(self) -> None:
-        """Forget what has arrived."""
+        """Drop the values that have arrived."""
         self._arrived.clear()
         self.lost = 0
 
     def fits(self, output: "_Port[T]") -> bool:
-        """Whether all that an output port sets can be put here."""
+        """Whether all values of an output port fit here."""
         return issubclass(output.type, self._fits)
 
 
 class OutputPort(_Port[T]):
-    """Passes each value that is set on to the input ports connected with it."""
+    """Passes each value that is set to the input ports connected with it."""
 
     def __init__(self, component: str, name: str, type_: type[T]) -> None:
         super().__init__(component, name, type_)
-        self.value: T | None = None  #: the newest
-        self._to: list[Callable[[T], object]] = []
+        self.value: T | None = None  #: the newest value
+        self._receivers: list[Callable[[T], object]] = []
 
     def set(self, value: T) -> None:
-        """Pass a value on. Raises MisuseError if it is of another type."""
+        """Pass a value to the connected ports. Raises MisuseError if its type does not fit."""
         self._check(value)
         self.value = value
-        for function in self._to:
+        for function in self._receivers:
             function(value)
 
     def on_set(self, function: Callable[[T], object]) -> None:
-        """Call a function with each value, in the tick that sets it: it must be short."""
-        self._to.append(function)
+        """Call a function with each value, in the tick that sets it. The function must be short."""
+        self._receivers.append(function)
 
     def clear(self) -> None:
-        """Forget the newest value."""
+        """Drop the newest value."""
         self.value = None
 
 
 def connect(output: OutputPort[T], input_: InputPort[T]) -> None:
-    """Let all that is set at *output* arrive at *input_*. Raises MisuseError if their types do not
-    fit.
+    """Connect an output port with an input port: all values set at *output* arrive at *input_*.
+
+    Raises MisuseError if their types do not fit.
     """
     if not isinstance(output, OutputPort) or not isinstance(input_, InputPort):
         raise MisuseError(
-            f"an output port is connected with an input port, not {output!r:.60} with {input_!r:.60}"
+            "connect() needs an output port and an input port, "
+            f"not {output!r:.60} and {input_!r:.60}"
         )
     if not input_.fits(output):
         raise MisuseError(

@@ -1,8 +1,7 @@
-"""A region at work: one of its leaf states is active, and a tick of its machine makes one
-transition at most.
+"""A running region: one leaf state is active.
 
-So the execution time of a tick is bounded (decision 95). Events wait in the region until one leads
-somewhere.
+A tick makes at most one transition, so that its execution time is bounded (decision 95). Events
+wait in the region until a tick processes them.
 """
 
 from collections import deque
@@ -22,11 +21,11 @@ class RegionChange(msgspec.Struct, frozen=True):
     component: str
     region: str
     source: str
-    """The leaf that was left; empty at the start."""
+    """The leaf that was left; "" at the start."""
     target: str
     """The leaf that was entered."""
     event: str
-    """Empty: the transition has none."""
+    """The event; "" if the transition has none."""
 
     def __str__(self) -> str:
         by = f" ({self.event})" if self.event else ""
@@ -34,8 +33,9 @@ class RegionChange(msgspec.Struct, frozen=True):
 
 
 class Region:
-    """One of the orthogonal regions of a component. A test compares it with ``LibraryInterpreter``,
-    its oracle.
+    """An orthogonal region of a component.
+
+    A test compares it with ``LibraryInterpreter``, its oracle.
     """
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
@@ -47,11 +47,11 @@ class Region:
         self.period = period
         self.estimate = estimate
         self.state = self.root.state
-        self.states = self.root.beside
-        """All its states, by their names."""
+        self.states = self.root.by_name
+        """All its states, by name."""
         self.events: deque[str] = deque()
-        """That have come, and that no tick has taken yet."""
-        self._told: list[Callable[[RegionChange], object]] = []
+        """Events that have arrived, and that no tick has processed yet."""
+        self._observers: list[Callable[[RegionChange], object]] = []
 
     @property
     def current(self) -> str:
@@ -64,15 +64,17 @@ class Region:
         return tuple(state.label for state in reversed(self.active))
 
     def is_in(self, name: str) -> bool:
-        """Whether that state is active."""
+        """Whether the state of that name is active."""
         return self.states[name].is_active
 
     def on_transition(self, function: Callable[[RegionChange], object]) -> None:
-        """Call a function with each transition, in the tick that makes it: it must be short."""
-        self._told.append(function)
+        """Call a function with each transition, in the tick that makes it. The function must be
+        short.
+        """
+        self._observers.append(function)
 
     def check(self) -> None:
-        """Raises UnsoundMachine if it can't be run."""
+        """Raise UnsoundMachine if the region can't be run."""
         if not self.states:
             raise UnsoundMachine(f"region '{self.component}.{self.name}' has no state: add one")
         check_arrows(list(self.root.all())[1:])
@@ -82,23 +84,23 @@ class Region:
         """Its structure as data."""
         return chart_of(self.name, list(self.root.all())[1:])
 
-    # --- at work ----------------------------------------------------------------------------------
+    # --- running ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Go to the first state, without its entry function."""
+        """Go to the first state, without calling its entry function."""
         self.events.clear()
         self._leave()
         self._go_to(self.root.leaf, "")
 
     def enter_first(self) -> None:
-        """Call the entry functions of the states in which it begins."""
+        """Call the entry functions of the active states, the outermost first."""
         for state in reversed(self.active):
             if state.entry is not None:
                 state.entry()
 
     def tick(self) -> None:
-        """Make the transition to which the oldest event leads; if none does, one without an event
-        that may be made.
+        """Make the transition for the oldest event that has one, else a transition without an
+        event.
         """
         events = self.events
         while events:
@@ -107,8 +109,9 @@ class Region:
         self.take("")
 
     def take(self, event: str) -> Sequence[RegionTransition]:
-        """Tell it of an event. The transition that was made, if any: of the innermost state first,
-        then in the order written.
+        """Process an event. Returns the transition that was made, if any.
+
+        Transitions of the innermost state come first, then those written first.
         """
         for state in self.active:
             for arrow in state.by_event.get(event, ()):
@@ -118,10 +121,12 @@ class Region:
         return ()
 
     def _make(self, arrow: RegionTransition) -> None:
-        """Leave states up to the one around both ends, and enter those down to the target. The
-        region is whole whatever an exit or entry function raises: still there, or there already.
+        """Leave states up to the container around both ends, and enter states down to the target.
+
+        The region stays consistent if an exit or entry function raises: it is in the old state, or
+        in the new one.
         """
-        staying = arrow.around
+        staying = arrow.shared_containers
         for state in self.active:
             if state not in staying and state.exit is not None:
                 state.exit()
@@ -136,7 +141,7 @@ class Region:
         self.active = leaf.path
         for state in self.active:
             state.is_active = True
-        for function in self._told:
+        for function in self._observers:
             function(change)
 
     def _leave(self) -> None:

@@ -10,19 +10,17 @@ from tca_wire.text.measures import duration
 
 
 def every(period: float, estimate: float | None) -> str:
-    """How often something is ticked, and how long that takes, in words."""
+    """Describe how often something is ticked, and how long a tick takes."""
     return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
 class RegionState(State["RegionState", "RegionTransition"]):
-    """A state of a region: a leaf, or one that holds others, the first of which is entered with
-    it.
-    """
+    """A state of a region: a leaf, or a container, which is entered with its first state."""
 
     def __init__(self, label: str, parent: "RegionState | None") -> None:
         super().__init__(StateKind.WAIT, label, parent)
-        self.beside: dict[str, RegionState] = parent.beside if parent is not None else {}
-        """All states of its region, by their names."""
+        self.by_name: dict[str, RegionState] = parent.by_name if parent is not None else {}
+        """All states of its region, by name."""
         self.region: str = parent.region if parent is not None else label
         self.activity: Step | None = None
         self.period = 0.0
@@ -32,7 +30,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         return f"'{self.region}.{self.label}'"
 
     def lines(self) -> Iterator[str]:
-        """What it does, a line for each function."""
+        """A line for each function that the state calls."""
         if self.activity is not None:
             yield f"{name_of(self.activity)} {every(self.period, self.estimate)}"
         if self.entry is not None:
@@ -40,7 +38,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         if self.exit is not None:
             yield f"exit: {name_of(self.exit)}"
 
-    def ways(self) -> Iterator[ChartArrow]:
+    def chart_arrows(self) -> Iterator[ChartArrow]:
         """The transitions that lead out of it, as data: a line for the event, and for each
         condition.
         """
@@ -54,16 +52,28 @@ class RegionState(State["RegionState", "RegionTransition"]):
         name: str,
         *,
         entry: Step | None = None,
-        exit: Step | None = None,  # noqa: A002 - the word of statecharts
+        exit: Step | None = None,  # noqa: A002 - the usual word in statecharts
         activity: Step | None = None,
         period: float | None = None,
         estimate: float | None = None,
     ) -> "RegionState":
-        """A state inside it; the first one is entered first. Its *activity* is ticked while it is
-        active, once a *period*, and takes *estimate* seconds at most. *entry* and *exit* are called
-        when it is entered and left.
+        """Add a state inside this one. The first one is entered first.
+
+        Args:
+            name: The state's name, unique in its region.
+            entry: Called when the state is entered.
+            exit: Called when the state is left.
+            activity: Ticked once a *period* while the state is active.
+            period: The period of the activity in seconds.
+            estimate: The longest execution time of the activity in seconds; None: it is measured.
+
+        Returns:
+            The state; its ``to`` adds transitions, its ``state`` adds states inside.
+
+        Raises:
+            MisuseError: The name is in use or not allowed, or the activity has no period.
         """
-        if name in self.beside:
+        if name in self.by_name:
             raise MisuseError(
                 f"'{self.region}' has two states '{name}': give one of them another name"
             )
@@ -72,7 +82,7 @@ class RegionState(State["RegionState", "RegionTransition"]):
         state = RegionState(name, self)
         if activity is not None and not (period or 0) > 0:
             raise MisuseError(f"the activity of {state!r} needs a period: add one, in seconds")
-        self.beside[name] = state
+        self.by_name[name] = state
         self.kind = StateKind.COMPOUND
         state.kind = StateKind.ACTIVITY if activity is not None else StateKind.WAIT
         state.entry, state.exit, state.activity = entry, exit, activity
@@ -87,18 +97,26 @@ class RegionState(State["RegionState", "RegionTransition"]):
         when: Callable[[], bool] | None = None,
         needs: Iterable[str] = (),
     ) -> None:
-        """A transition: by the event *on*, or without one, as soon as it may be made. It may be
-        made when the guard *when* returns true and the states that it *needs*, such as
-        "enabling.enabled", are active.
+        """Add a transition to another state of the region.
+
+        Args:
+            target: The state that follows.
+            on: The event; "": the transition is made as soon as its conditions allow it.
+            when: A guard: the transition is made only while it returns true.
+            needs: States of other regions that must be active, such as "enabling.enabled".
+
+        Raises:
+            MisuseError: The target is in another region, or there is neither event nor condition.
         """
-        if self.beside.get(target.label) is not target:
+        if self.by_name.get(target.label) is not target:
             raise MisuseError(
-                f"{self!r} can't lead to {target!r}, in another region: let a transition there need {self!r}"
+                f"{self!r} can't lead to {target!r}, in another region: "
+                f"write a transition there that needs {self!r}"
             )
         needs = [needs] if isinstance(needs, str) else list(needs)
         if not (on or when or needs):
             raise MisuseError(f"{self!r} would go to {target!r} at once: add on, when or needs")
-        self.lead(RegionTransition(self, target, on, when, needs))
+        self.add_arrow(RegionTransition(self, target, on, when, needs))
 
 
 class RegionTransition(Arrow[RegionState]):
@@ -125,11 +143,11 @@ class RegionTransition(Arrow[RegionState]):
 
     @property
     def key(self) -> object:
-        """Guards of one name may be several functions."""
+        """The guard itself and the needs: different guards may have the same name."""
         return self.when, self.needs
 
     def holds(self, _now: Any = None) -> bool:
-        """Whether its guard and the other regions let it be made now."""
+        """Whether its guard and the other regions allow it now."""
         for state in self.needed:
             if not state.is_active:
                 return False

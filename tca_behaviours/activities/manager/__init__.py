@@ -1,6 +1,4 @@
-"""An application's place in central: what it is and does as variables, and commands that change
-it.
-"""
+"""Publishes an application as variables of central, and carries out commands that change it."""
 
 from tca_behaviours.activities.manager.manager import Manager as Manager
 from tca_behaviours.activities.manager.messages import REFUSED as REFUSED

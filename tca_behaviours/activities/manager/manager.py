@@ -1,6 +1,4 @@
-"""The manager: it publishes an application, and has its commands carried out, in a module of the
-user's.
-"""
+"""The manager: publishes an application in a module of the user's, and handles its commands."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -13,18 +11,30 @@ from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task,
 from tca_module.checks import check_known
 
 PERIOD = 0.1
-"""Seconds between two looks at what has changed."""
+"""Seconds between two publications of changes."""
 
-_MOST_WAITING = 10_000
-"""Transitions that wait for central."""
+_MAX_WAITING = 10_000
+"""The most transitions that wait for central."""
 
 _PICTURES, _FIGURES = 2, 10
-"""Periods between two pictures, and between figures."""
+"""The numbers of periods between two pictures, and between two reports of figures."""
 
 
 class Manager:
-    """Has an application known to central. *controls* are buttons for its page; *picture* draws its
-    SVG.
+    """Publishes an application in central, and lets other programs control it.
+
+    Args:
+        application: The application.
+        controls: Buttons for its page.
+        picture: Draws its picture for the page, as SVG.
+
+    Example::
+
+        manager = Manager(application)
+        module = Module("cart")
+        manager.handle_in(module)
+        with module.running(), application.running():
+            ...
     """
 
     def __init__(
@@ -40,16 +50,20 @@ class Manager:
         self._picture = picture
         self._drawn = ""
         self._module_name = ""
-        self._changes: deque[RegionChange] = deque(maxlen=_MOST_WAITING)
+        self._changes: deque[RegionChange] = deque(maxlen=_MAX_WAITING)
         self._is_reallocated = False
         self._is_behind = False
-        self._looks = 0
-        application.on_change(self._take_change)
-        application.on_add(self._take_component)
+        self._periods = 0
+        application.on_change(self._on_reallocation)
+        application.on_add(self._on_component)
 
     def handle_in(self, module: Module) -> None:
-        """Publish in this module, and handle commands, once it runs. It has a resource of its own
-        for that, so that other handlers of the module hold nothing up.
+        """Let a module publish the application and handle its commands, once the module runs.
+
+        It uses a resource of its own, so that other handlers of the module delay nothing.
+
+        Args:
+            module: The module; it must not run yet.
         """
         self._module_name, application = module.name, self.application
         resource = module.resource(f"application {self.application.name}")
@@ -84,39 +98,40 @@ class Manager:
         check_known("there is no policy", name, POLICIES)
         self.application.allocate(POLICIES[name])
 
-    # --- what is told -----------------------------------------------------------------------------
+    # --- publication ------------------------------------------------------------------------------
 
-    def _take_change(self) -> None:
+    def _on_reallocation(self) -> None:
         self._is_reallocated = True
 
-    def _take_component(self, component: Component[Any]) -> None:
+    def _on_component(self, component: Component[Any]) -> None:
         for region in component.regions.values():
             region.on_transition(self._changes.append)
         self._is_behind = True
 
     def _publish(self, sender: Callback) -> None:
-        self._looks += 1
+        self._periods += 1
         try:
-            self._publish_news(sender)
+            self._publish_changes(sender)
         except (CentralLost, Timeout):
-            self._is_behind = True  # what was told meanwhile may be lost
+            self._is_behind = True  # reports of this period may be lost
 
-    def _publish_news(self, sender: Sender) -> None:
-        """Whatever has changed. With a component more it is everything, and for a central that is
-        new or was away.
+    def _publish_changes(self, sender: Sender) -> None:
+        """Publish all changes.
+
+        Publish everything after a component was added, or if central is new or was away.
         """
-        is_second = self._looks % _FIGURES == 0
+        has_figures = self._periods % _FIGURES == 0
         if self._is_behind or (
-            is_second and sender.get_variable(self.messages.application, None) is None
+            has_figures and sender.get_variable(self.messages.application, None) is None
         ):
             self._publish_all(sender)
         if self._changes:
             self._publish_states(sender)
         if self._is_reallocated:
             self._publish_allocation(sender)
-        if self._looks % _PICTURES == 0:
+        if self._periods % _PICTURES == 0:
             self._publish_picture(sender)
-        if is_second:
+        if has_figures:
             sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
 
     def _publish_all(self, sender: Sender) -> None:
@@ -141,8 +156,8 @@ class Manager:
         changes = list(self._changes)
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
         sender.set_variable(self.messages.states, messages.StatesReport(states, changes))
-        for change in changes:  # none is forgotten before central has it
-            if self._changes[0] is change:  # it has not given way to newer ones meanwhile
+        for change in changes:  # remove a change only after central has it
+            if self._changes[0] is change:  # the full queue may have dropped it since
                 self._changes.popleft()
 
     def _publish_picture(self, sender: Sender) -> None:
@@ -156,7 +171,9 @@ class Manager:
 
 
 def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
-    """Handles a command, with or without data, by a call that may be refused."""
+    """Make a handler that calls *step* with the data of a command, and fails if the call is
+    refused.
+    """
 
     def handle(_task: Task, data: Any = None) -> None:
         try:

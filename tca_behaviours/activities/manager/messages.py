@@ -1,6 +1,4 @@
-"""What an application tells central, and the commands that it takes. Their names have the
-application's in them.
-"""
+"""The variables of an application in central, and its commands. Their names contain its name."""
 
 import msgspec
 
@@ -12,19 +10,19 @@ from tca_wire.charts import MachineChart
 
 
 class ComponentEntry(msgspec.Struct, frozen=True):
-    """A component."""
+    """A component and its regions."""
 
     name: str
     regions: list[MachineChart]
 
 
 class ControlField(msgspec.Struct, frozen=True):
-    """A number that is given with a control."""
+    """A number that the user gives with a control."""
 
     name: str
-    """Of the field of the message's data; empty: the number is the whole data."""
+    """The field of the message's data; "": the number is the whole data."""
     value: float
-    """At first."""
+    """The first value."""
     unit: str = ""
     least: float | None = None
     most: float | None = None
@@ -42,16 +40,16 @@ _FIELDS = list_of("a list of ControlFields", instance_of("a ControlField", Contr
 
 
 class Control(msgspec.Struct, frozen=True):
-    """A button of the page: it sends a command or inform of the application's program."""
+    """A button of the page, which sends a command or inform to the application's program."""
 
     label: str
     message: str
-    """Its name."""
+    """The name of the message."""
     data: dict[str, str | float | bool] = {}
-    """Its fields; with an empty name: the whole data."""
+    """The fields of the data; the name "" means the whole data."""
     fields: list[ControlField] = []
     group: str = ""
-    """A heading for controls that follow one another."""
+    """A heading above consecutive controls of the same group."""
 
     def __post_init__(self) -> None:
         call = f"control '{self.label}'"
@@ -61,36 +59,34 @@ class Control(msgspec.Struct, frozen=True):
 
 
 class ApplicationEntry(msgspec.Struct, frozen=True):
-    """What does not change while an application's program runs."""
+    """The data of an application that do not change while its program runs."""
 
     name: str
     module: str
-    """In which it is managed."""
+    """The module of its manager."""
     components: list[ComponentEntry]
     policies: list[str]
     controls: list[Control]
 
 
 class StatesReport(msgspec.Struct, frozen=True):
-    """The leaf that is active in each region, and all transitions since the report before."""
+    """The active leaf of each region, and all transitions since the last report."""
 
     states: dict[str, str]
     changes: list[RegionChange]
 
 
 class ActivityMove(msgspec.Struct, frozen=True):
-    """Have another processor tick an activity: one that is there, or a new one; empty: none ticks
-    it any more.
-    """
+    """Move an activity to an existing or a new processor; "": remove it from its processor."""
 
     activity: str
     processor: str
     position: int | None = None
-    """Among those of the processor, 0 for the first; None: the last."""
+    """The place among the processor's activities, from 0; None: the last."""
 
 
 class ActivityPeriod(msgspec.Struct, frozen=True):
-    """Change the period of an activity."""
+    """Change the period of an activity, in seconds."""
 
     activity: str
     period: float
@@ -104,10 +100,10 @@ class ProcessorPriority(msgspec.Struct, frozen=True):
 
 
 REFUSED = Failure("application refused")
-"""A command that an application can't carry out; its text says why."""
+"""An application can't carry out a command; the text gives the reason."""
 
 APPLICATION = "application "
-"""Variables that begin so tell which applications there are."""
+"""The start of the names of variables that describe applications."""
 
 
 class ApplicationMessages:
@@ -116,13 +112,11 @@ class ApplicationMessages:
     def __init__(self, name: str) -> None:
         self.application = Variable(f"{APPLICATION}{name}", ApplicationEntry)
         self.allocation = Variable(f"activities of {name}", AllocationReport)  #: on every change
-        self.states = Variable(
-            f"states of {name}", StatesReport
-        )  #: on changes, at most ten times a second
+        #: On changes, at most ten times a second.
+        self.states = Variable(f"states of {name}", StatesReport)
         self.figures = Variable(f"figures of {name}", ApplicationFigures)  #: once a second
-        self.picture = Variable(
-            f"picture of {name}", str
-        )  #: SVG, on changes, at most five times a second
+        #: SVG, on changes, at most five times a second.
+        self.picture = Variable(f"picture of {name}", str)
         self.allocate = Command(f"allocate activities of {name}", dict[str, list[str]])
         """The activities of each processor, in order of subscription."""
         self.move = Command(f"move activity of {name}", ActivityMove)

@@ -1,1 +1,1 @@
-"""Models of applications: TOML files that are checked, drawn, and turned into Python."""
+"""Models of applications: TOML files that are checked, drawn, and converted to Python."""

@@ -1,4 +1,4 @@
-"""The Python that is written anew each time: types and bases of components, and the application."""
+"""The Python code that is generated: data types, bases of components, and the application."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -17,10 +17,13 @@ from tca_behaviours.activities.models.statecharts import ordered
 
 MARK = "made by tca generate"
 _LONGEST = 88
-"""Characters of a line."""
+"""The most characters of a line."""
 
 
-_BASES = '''"""Types of data and bases of components, {mark} from {model}.toml: changes would be lost."""
+_BASES = '''"""Data types and bases of components, {mark} from {model}.toml.
+
+Do not change this file: changes would be lost.
+"""
 # isort: skip_file
 
 from abc import ABC, abstractmethod
@@ -32,7 +35,7 @@ from tca_behaviours.activities.components import Component
 
 
 def generated(model: ApplicationModel) -> Iterator[str]:
-    """The module of types and bases."""
+    """The module of data types and bases."""
     yield from _BASES.format(mark=MARK, model=model.name).splitlines()
     for name, kind in model.types.items():
         if kind.module:
@@ -77,17 +80,16 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
         yield from call(8, f"self.{port} = self.input(", arguments)
     for port, kind in component.outputs.items():
         yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
-    for region, one in component.regions.items():
-        yield from call(
-            8, f"self.{region} = self.region(", [literal(region), *_times(one.period, one.estimate)]
-        )
+    for region, settings in component.regions.items():
+        arguments = [literal(region), *_times(settings.period, settings.estimate)]
+        yield from call(8, f"self.{region} = self.region(", arguments)
     for region in component.regions:
         yield f"        self._write_{region}()"
-    for region, one in component.regions.items():
+    for region, settings in component.regions.items():
         yield ""
         yield f"    def _write_{region}(self) -> None:"
         yield f"        region = self.{region}"
-        yield from _region(one)
+        yield from _region(settings)
     for method in distinct(component):
         yield ""
         yield "    @abstractmethod"
@@ -98,8 +100,8 @@ def _region(region: RegionModel) -> Iterator[str]:
     if region.transitions or any(state.inside for state in region.states):
         yield "        states = region.states"
     for state in ordered(region.states):
-        around = f"states[{literal(state.inside)}]" if state.inside else "region"
-        yield from call(8, f"{around}.state(", _state(state))
+        container = f"states[{literal(state.inside)}]" if state.inside else "region"
+        yield from call(8, f"{container}.state(", _state(state))
     for transition in region.transitions:
         arguments = [f"states[{literal(transition.target)}]"]
         if transition.on:
@@ -127,7 +129,7 @@ def _times(period: float, estimate: float) -> Iterator[str]:
 
 
 def distinct(component: ComponentModel) -> list[Method]:
-    """The methods that are written by hand, each once."""
+    """The methods that the user writes, each once."""
     return list({method.name: method for method in reversed(list(methods(component)))}.values())[
         ::-1
     ]
@@ -138,13 +140,13 @@ def _method(method: Method) -> Iterator[str]:
     yield f'        """{method.about}"""'
 
 
-# --- what is written once -------------------------------------------------------------------------
+# --- the files of components, which are written once ----------------------------------------------
 
 
 def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
-    """The module in which a component is written by hand."""
+    """The first version of the module in which the user writes a component."""
     component = model.components[name]
-    yield f'"""Component {name}, written by hand: tca generate began it, and leaves it alone."""'
+    yield f'"""Component {name}. tca generate has created this file, and does not change it."""'
     yield ""
     names = {f"{package}generated": [f"{name}Base"]}
     for kind in {
@@ -153,7 +155,7 @@ def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
         names.setdefault(model.types[kind].module or f"{package}generated", []).append(kind)
     for module in sorted(names):
         yield from imported(module, names[module])
-    yield from _class("", f"{name}({name}Base)", f"What the activities of {name} do.")
+    yield from _class("", f"{name}({name}Base)", f"The activities of {name}.")
     for method in distinct(component):
         yield ""
         yield from written(method)
@@ -169,7 +171,10 @@ def written(method: Method) -> Iterator[str]:
 # --- the application ------------------------------------------------------------------------------
 
 
-_APPLICATION = '''"""The components of {model}.toml, connected: {mark}, changes would be lost."""
+_APPLICATION = '''"""The components of {model}.toml, connected: {mark}.
+
+Do not change this file: changes would be lost.
+"""
 # isort: skip_file
 
 from contextlib import suppress
@@ -181,7 +186,7 @@ from tca_behaviours.activities import Application
 
 
 def application(model: ApplicationModel, package: str) -> Iterator[str]:
-    """The module that makes the instances and connects them."""
+    """The module that creates the instances and connects them."""
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
     yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
@@ -193,13 +198,15 @@ def application(model: ApplicationModel, package: str) -> Iterator[str]:
         yield from imported(f"{package}{file_of(kind)}", [kind])
     yield from imported(
         f"{package}generated",
-        [f"{one.component}Data" for one in model.instances.values() if one.data],
+        [f"{instance.component}Data" for instance in model.instances.values() if instance.data],
     )
     yield from _class("", "Components", f"The components of {title}.")
     yield ""
     yield "    def __init__(self) -> None:"
-    for name, one in model.instances.items():
-        yield from call(8, f"self.{name} = {one.component}(", _made(name, one))
+    for name, instance in model.instances.items():
+        yield from call(
+            8, f"self.{name} = {instance.component}(", _instance_arguments(name, instance)
+        )
     yield from call(
         8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]"
     )
@@ -227,14 +234,14 @@ if __name__ == "__main__":
     main()"""
 
 
-def _made(name: str, one: InstanceModel) -> Iterator[str]:
+def _instance_arguments(name: str, instance: InstanceModel) -> Iterator[str]:
     yield literal(name)
-    if one.data:
-        values = ", ".join(f"{field}={literal(value)}" for field, value in one.data.items())
-        yield f"lambda: {one.component}Data({values})"
+    if instance.data:
+        values = ", ".join(f"{field}={literal(value)}" for field, value in instance.data.items())
+        yield f"lambda: {instance.component}Data({values})"
 
 
-# --- layout: as formatters have it, whatever their longest line is; what is too long is opened up -
+# --- layout: as formatters lay it out, whatever their line length ---------------------------------
 
 
 def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
@@ -251,14 +258,14 @@ def imported(module: str, names: Iterable[str]) -> list[str]:
 
 
 def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
-    """The line; or where it is too long, *head*, a line for each part, and *tail*."""
+    """The line; if it is too long, *head*, a line for each part, and *tail*."""
     if len(line) <= _LONGEST:
         return [line]
     return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]
 
 
 def literal(value: object) -> str:
-    """A value as Python's source."""
+    """The Python literal of a value."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     return repr(value) if not isinstance(value, float) or isfinite(value) else f'float("{value}")'

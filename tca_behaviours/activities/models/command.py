@@ -1,4 +1,4 @@
-"""``tca generate``: from the model of an application to Python, or to a picture."""
+"""``tca generate``: converts the model of an application to Python, or draws it."""
 
 from pathlib import Path
 
@@ -18,20 +18,20 @@ KINDS = (".svg", ".png", ".pdf", ".dot")
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="Another folder; or a picture: .svg, .png, .pdf or .dot.",
+    help="Another folder for the files; or the file of a picture: .svg, .png, .pdf or .dot.",
 )
 def generate(model: Path, output: Path | None) -> None:
     """Write the Python of an application of periodic activities, or draw it.
 
-    MODEL is a TOML file of components, ports, regions, states and activities. Into its folder go:
-    generated.py and application.py, written anew each time; and a file for each component, which is
-    yours: it is written once.
+    MODEL is a TOML file of components, ports, regions, states and activities. Its folder gets
+    generated.py and application.py, which are overwritten each time. It also gets a file for each
+    component, which is written only once and is yours to edit.
 
     The exit code is 2 when the model is wrong.
     """
     if output is not None and output.suffix not in ("", *KINDS) and not output.is_dir():
         raise click.UsageError(
-            f"-o {output}: a picture is {', '.join(KINDS)}, and a new folder has no suffix"
+            f"-o {output}: give a picture ({', '.join(KINDS)}), or a folder without a suffix"
         )
     try:
         read = read_model(model)

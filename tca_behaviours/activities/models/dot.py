@@ -1,6 +1,7 @@
-"""A model as a picture, in the language of Graphviz: the instances with their connections; then
-each component with its ports, and its regions side by side. A dot leads to the state that is
-entered first.
+"""A model as a picture, in the language of Graphviz.
+
+It shows the instances with their connections, then each component with its ports and, side by side,
+its regions. A dot leads to the state that is entered first.
 """
 
 from collections.abc import Iterator
@@ -25,32 +26,34 @@ def model_dot(model: ApplicationModel) -> str:
 def _instances(model: ApplicationModel) -> Iterator[str]:
     numbers = {name: f"i{number}" for number, name in enumerate(model.instances)}
     yield f"subgraph cluster_instances {{ graph [label=<<b>{text(model.name)}</b>>, style=invis];"
-    for name, one in model.instances.items():
-        values = [small(f"{field} = {value}") for field, value in one.data.items()]
-        lines = [f"<b>{text(name)}</b>  {small(one.component)}", *values]
+    for name, instance in model.instances.items():
+        values = [small(f"{field} = {value}") for field, value in instance.data.items()]
+        lines = [f"<b>{text(name)}</b>  {small(instance.component)}", *values]
         yield f'{numbers[name]} [style=filled, fillcolor="#e3edf7", label=<{"<br/>".join(lines)}>];'
     yield "}"
     for connection in model.connections:
-        (sending, output), (taking, input_) = connection.source, connection.target
+        (sender, output), (receiver, input_) = connection.source, connection.target
         ports = output if output == input_ else f"{output} to {input_}"
-        yield f'{numbers[sending]} -> {numbers[taking]} [label=" {ports}"];'
+        yield f'{numbers[sender]} -> {numbers[receiver]} [label=" {ports}"];'
 
 
 # --- components -----------------------------------------------------------------------------------
 
 
 def _chart(model: ApplicationModel) -> MachineChart:
-    """Components hold regions, and these their states."""
+    """All components as one chart: components contain regions, and regions contain states."""
     states: list[ChartState] = []
     arrows: list[ChartArrow] = []
     for component, kind in model.components.items():
         outer = len(states)
         states.append(ChartState(component, StateKind.ALL, lines=list(_ports(kind))))
-        for region, one in kind.regions.items():
+        for region, settings in kind.regions.items():
             states.append(
-                ChartState(region, StateKind.COMPOUND, outer, every(one.period, one.estimate))
+                ChartState(
+                    region, StateKind.COMPOUND, outer, every(settings.period, settings.estimate)
+                )
             )
-            first, chart = len(states), region_of(region, one).chart
+            first, chart = len(states), region_of(region, settings).chart
             arrows += [
                 ChartArrow(way.source + first, way.target + first, way.symbol)
                 for way in chart.arrows

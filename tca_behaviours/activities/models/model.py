@@ -1,4 +1,4 @@
-"""The model of an application, as its file has it. Seconds of 0 are not said."""
+"""The model of an application, as its file has it. Seconds of 0 mean that none were given."""
 
 from typing import Annotated
 
@@ -32,7 +32,7 @@ class TypeModel(msgspec.Struct, frozen=True):
 
     fields: dict[str, str] = {}
     module: str = ""
-    """Of the class of that name, if it is imported."""
+    """The module from which the class is imported; "" if it has fields."""
 
 
 class InputModel(msgspec.Struct, frozen=True):
@@ -85,10 +85,10 @@ class ComponentModel(msgspec.Struct, frozen=True, kw_only=True):
     period: Seconds = 0.0
     estimate: Seconds = 0.0
     data: Values = {}
-    """The first values of its fields, whose types follow from them."""
+    """The first values of its fields; the types of the fields follow from them."""
     inputs: Annotated[dict[str, InputModel], TABLE] = {}
     outputs: Annotated[dict[str, str], TABLE] = {}
-    """Their types."""
+    """The types of the output ports, by name."""
     regions: Annotated[dict[str, RegionModel], TABLE] = {}
 
 
@@ -97,18 +97,18 @@ class InstanceModel(msgspec.Struct, frozen=True, kw_only=True):
 
     component: Word
     data: Values = {}
-    """First values that differ from those of its kind."""
+    """The first values that differ from those of its kind."""
 
 
 class ConnectionModel(msgspec.Struct, frozen=True):
-    """An output port, and an input port that gets what is set there."""
+    """An output port, and the input port that receives its values."""
 
     source: tuple[str, str]
     target: tuple[str, str]
 
 
 class ApplicationModel(msgspec.Struct, frozen=True):
-    """All of a file."""
+    """The content of a file."""
 
     name: str
     types: dict[str, TypeModel]

@@ -1,4 +1,4 @@
-"""The names of a model: they become names of Python's."""
+"""The names in a model, which become names in Python."""
 
 import builtins
 import keyword
@@ -15,28 +15,30 @@ _OF_COMPONENTS = {
     name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")
 }
 FILES = ("generated", "application")
-"""Modules that are written anew each time."""
+"""The modules that are overwritten each time."""
 _TAKEN = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
 
 
 def check_name(place: str, name: str) -> None:
-    """That an attribute, variable or method may be called so. Raises BadUserFile."""
+    """Raise BadUserFile unless an attribute, variable or method may have this name."""
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise BadUserFile(
-            f"{place}: '{name}' can't be a name: use small letters, digits and '_', and no word of Python's"
+            f"{place}: '{name}' can't be a name: use small letters, digits and '_', "
+            "and no keyword of Python"
         )
 
 
 def check_class(place: str, name: str) -> None:
-    """That a type or component may be called so. Raises BadUserFile."""
+    """Raise BadUserFile unless a type or component may have this name."""
     if not _CLASS.fullmatch(name) or name in _TAKEN:
         raise BadUserFile(
-            f"{place}: '{name}' can't be a class: use letters and digits, a capital first; no name of Python's"
+            f"{place}: '{name}' can't be a class: use letters and digits, a capital first, "
+            "and no built-in name of Python"
         )
 
 
 def check_attributes(place: str, component: ComponentModel) -> None:
-    """That no name of a component stands for two things. Raises BadUserFile."""
+    """Raise BadUserFile if a name of a component stands for two things."""
     named = [(name, "an input port", f"inputs.{name}") for name in component.inputs]
     named += [(name, "an output port", f"outputs.{name}") for name in component.outputs]
     named += [(name, "a region", f"regions.{name}") for name in component.regions]
@@ -44,7 +46,7 @@ def check_attributes(place: str, component: ComponentModel) -> None:
     used = dict.fromkeys(_OF_COMPONENTS, "part of every component")
     for name, role, where in named:
         check_name(f"{place}.{where}", name)
-        is_shared = role in (STEP, GUARD)  # several states may have one method
+        is_shared = role in (STEP, GUARD)  # several states may use one method
         if name in used and not (is_shared and used[name] == role):
             raise BadUserFile(
                 f"{place}.{where}: '{name}' is {used[name]} already: choose another name"
@@ -53,5 +55,5 @@ def check_attributes(place: str, component: ComponentModel) -> None:
 
 
 def file_of(component: str) -> str:
-    """The module in which a component is written by hand."""
+    """The module in which the user writes a component."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", component).lower()

@@ -1,4 +1,4 @@
-"""Reads the file of a model. Errors say where, what is wrong, and what to do."""
+"""Reads the file of a model. An error names the place, the problem and the remedy."""
 
 import re
 import sys
@@ -40,7 +40,7 @@ def read_model(path: Path) -> ApplicationModel:
 
 
 def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
-    """The model that the tables of a file hold. Raises BadUserFile."""
+    """The model in the tables of a file. Raises BadUserFile."""
     _check_tables(tables)
     types: dict[str, TypeModel] = {}
     for kind, fields in tables.get("types", {}).items():
@@ -62,11 +62,11 @@ def _check_tables(tables: dict[str, Any]) -> None:
         check_known("top level", "table", key, ("components", "types", "instances", "connections"))
         check_table(key, table)
     if not tables.get("components"):
-        raise BadUserFile("there is no component: add a table [components.NAME]")
+        raise BadUserFile("the model has no component: add a table [components.NAME]")
 
 
 def _in_full(tables: Any, key: str) -> Any:
-    """Tables of which one key is enough, where that stands alone."""
+    """Expand tables that are given as the text of one *key*."""
     if not isinstance(tables, dict):
         return tables
     return {
@@ -75,7 +75,7 @@ def _in_full(tables: Any, key: str) -> Any:
 
 
 def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
-    """That no class or module that is written has the name of another."""
+    """Check that no class or module that is written has the name of another one."""
     classes = {name: f"types.{name}" for name in types}
     files = dict.fromkeys(FILES, "tca generate itself") | dict.fromkeys(
         sys.stdlib_module_names, "Python"
@@ -85,12 +85,14 @@ def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
         for name in (kind, f"{kind}Data", f"{kind}Base"):
             if name in classes:
                 raise BadUserFile(
-                    f"{place}: its class {name} would be that of {classes[name]}: choose another name"
+                    f"{place}: its class {name} clashes with that of {classes[name]}: "
+                    "choose another name"
                 )
             classes[name] = place
         if file in files:
             raise BadUserFile(
-                f"{place}: its file {file}.py would be that of {files[file]}: choose another name"
+                f"{place}: its file {file}.py clashes with that of {files[file]}: "
+                "choose another name"
             )
         files[file] = place
 
@@ -183,13 +185,13 @@ def _connection(model: ApplicationModel, source: tuple[str, str], given: Any) ->
     place = f"connections.{'.'.join(source)}"
     target = tuple(given.split(".")) if isinstance(given, str) else ()
     if len(target) != 2:
-        raise BadUserFile(f'{place} must be "INSTANCE.PORT", or a list of such, not {shown(given)}')
-    sending, taking = _kind_of(model, place, source[0]), _kind_of(model, place, target[0])
-    output = _port(place, source, sending.outputs, sending.inputs, "an output")
-    input_ = _port(place, (target[0], target[1]), taking.inputs, taking.outputs, "an input")
+        raise BadUserFile(f'{place} must be "INSTANCE.PORT" or a list of them, not {shown(given)}')
+    sender, receiver = _kind_of(model, place, source[0]), _kind_of(model, place, target[0])
+    output = _port(place, source, sender.outputs, sender.inputs, "an output")
+    input_ = _port(place, (target[0], target[1]), receiver.inputs, receiver.outputs, "an input")
     if output != input_.type and (output, input_.type) != ("int", "float"):
         raise BadUserFile(
-            f"{place} is of type {output}, and {given} of type {input_.type}: give both the same type"
+            f"{place} is of type {output}, {given} of type {input_.type}: give both the same type"
         )
     return ConnectionModel(source, (target[0], target[1]))
 

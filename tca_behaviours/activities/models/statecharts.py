@@ -1,4 +1,4 @@
-"""The regions of a component's model as statecharts, and what must be true of them."""
+"""The regions of a component's model as statecharts, and their checks."""
 
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -11,7 +11,7 @@ from tca_tools.user_toml import check_known
 
 
 def check_estimate(place: str, period: float, estimate: float) -> None:
-    """That a tick ends before the next is due. Raises BadUserFile."""
+    """Check that a tick ends before the next is due. Raises BadUserFile."""
     if 0 < period < estimate:
         raise BadUserFile(
             f"{place}.estimate is longer than the period: divide the work into shorter steps"
@@ -19,7 +19,7 @@ def check_estimate(place: str, period: float, estimate: float) -> None:
 
 
 def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None:
-    """Raises BadUserFile for a region that can't be run."""
+    """Raise BadUserFile if a region can't be run."""
     region = regions[name]
     check_estimate(place, region.period, region.estimate)
     above: dict[str, StateModel] = {}
@@ -42,12 +42,12 @@ def _check_state(
         check_known(f"{place}.inside", "outer state", state.inside, above)
     if state.initial:
         if other := initial.get(state.inside):
-            raise BadUserFile(f"{place}: '{other}' is initial, too: leave one of them out")
+            raise BadUserFile(f"{place}: '{other}' is initial, too: make only one of them initial")
         initial[state.inside] = state.name
     check_estimate(place, state.period, state.estimate)
     if not state.activity and (state.period or state.estimate):
         raise BadUserFile(
-            f'{place} has a period or estimate, and no activity: add activity = "METHOD"'
+            f'{place} has a period or estimate, but no activity: add activity = "METHOD"'
         )
 
 
@@ -61,23 +61,23 @@ def _check_transition(
         other, _, state = need.partition(".")
         at = f"{place}.needs '{need}'"
         check_known(at, "region", other, regions)
-        check_known(at, "state", state, [one.name for one in regions[other].states])
+        check_known(at, "state", state, [known.name for known in regions[other].states])
 
 
 def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
-    """The states, the initial one of each level first; one that holds others comes before them."""
-    beside = [state for state in states if state.inside == inside]
-    for state in sorted(beside, key=lambda state: not state.initial):
+    """The states, each before those inside it; in each container the initial state comes first."""
+    siblings = [state for state in states if state.inside == inside]
+    for state in sorted(siblings, key=lambda state: not state.initial):
         yield state
         yield from ordered(states, state.name)
 
 
 def region_of(name: str, model: RegionModel) -> Region:
-    """The region as a component has it, with methods that do nothing. Raises MisuseError."""
+    """The region, with methods that do nothing. Raises MisuseError."""
     region = Region("", name, model.period, model.estimate)
     for state in ordered(model.states):
-        around = region.states[state.inside] if state.inside else region
-        around.state(
+        container = region.states[state.inside] if state.inside else region
+        container.state(
             state.name,
             entry=_method(state.entry),
             exit=_method(state.exit),
@@ -85,16 +85,19 @@ def region_of(name: str, model: RegionModel) -> Region:
             period=state.period,
             estimate=state.estimate,
         )
-    for one in model.transitions:
-        region.states[one.source].to(
-            region.states[one.target], on=one.on, when=_method(one.when), needs=one.needs
+    for transition in model.transitions:
+        region.states[transition.source].to(
+            region.states[transition.target],
+            on=transition.on,
+            when=_method(transition.when),
+            needs=transition.needs,
         )
     return region
 
 
 @cache
 def _method(name: str) -> Callable[[], bool] | None:
-    """One of each name, as in the class that is generated."""
+    """A method of that name, always the same one, as in the generated class."""
 
     def method() -> bool:
         return False

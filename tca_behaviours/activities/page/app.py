@@ -18,14 +18,19 @@ from tca_tools.view.guards import NotAllowed, PageKey, guards
 
 STATIC = Path(__file__).parent / "static"
 _PATIENCE = 10.0
-"""Seconds that a page's question for news may stay open."""
+"""Seconds that a page's request for changes may stay open."""
 
 
 def application(
     live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = ""
 ) -> Starlette:
-    """The server of one page; without a *key* the page can only look. With a *token* only those get
-    an answer who have opened the address that has it.
+    """The server of one page.
+
+    Args:
+        live: The application that the page shows.
+        hosts: The names by which browsers may address the server.
+        key: The key for commands; None: the page is read-only.
+        token: If given, only browsers that have opened the address with it get an answer.
     """
     return Starlette(
         routes=[
@@ -47,14 +52,14 @@ async def _news(live: LiveApplication, request: Request) -> Response:
 
 
 async def _send(live: LiveApplication, key: PageKey, request: Request) -> Response:
-    """Send a command, and say what became of it."""
+    """Send a command, and answer with its outcome."""
     try:
         key.check(request.headers)
-        asked = msgspec.json.decode(await request.body(), type=PageCommand)
-        return JSONResponse({"said": await run_in_threadpool(live.send, asked)})
+        command = msgspec.json.decode(await request.body(), type=PageCommand)
+        return JSONResponse({"said": await run_in_threadpool(live.send, command)})
     except NotAllowed as error:
         return JSONResponse({"error": error.message}, 403)
     except TcaError as error:
-        return JSONResponse({"error": str(error)})  # an answer, too: no
+        return JSONResponse({"error": str(error)})  # a refusal is a normal answer
     except msgspec.MsgspecError as error:
         return JSONResponse({"error": str(error)}, 400)

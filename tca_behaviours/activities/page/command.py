@@ -12,19 +12,20 @@ from tca_tools.view.door import LOCAL, listening, page_options
 @click.argument("name", required=False)
 @page_options
 @central_option
-@click.option("--read-only", is_flag=True, help="Only look: nothing is allocated or sent.")
+@click.option("--read-only", is_flag=True, help="Only show: the page can change nothing.")
 def activities(
     name: str | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool
 ) -> None:
     """Show an application's regions, processors and activities in the browser, live.
 
-    NAME is that of the application; it may be left out while central knows one only. Whoever opens
-    the address that is printed can allocate activities, change periods and priorities, and use the
-    application's buttons. With --host the page only looks, for those who have the address. It is
-    served until interrupted.
+    NAME is the name of the application; it may be left out if central knows only one. The printed
+    address carries a key. With it you can allocate activities, change periods and priorities, and
+    use the application's buttons. With --host the page is read-only, for all users who have the
+    address. The page is served until you press Ctrl-C.
     """
     with extra("view", "tca activities"):
-        from tca_behaviours.activities.page.app import application  # noqa: PLC0415 - the page is an extra
+        # The page is an extra, so these imports come late.
+        from tca_behaviours.activities.page.app import application  # noqa: PLC0415
         from tca_tools.view.guards import PageKey  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
     live = LiveApplication(_chosen(name, central), central)
@@ -43,14 +44,14 @@ def activities(
 
 
 def _chosen(name: str | None, central: str | None) -> str:
-    """The name of the application that is meant. Raises ClickException."""
+    """The name of the chosen application. Raises ToolError."""
     with talking("activities", central) as client:
         names = applications(client)
     if name in names or (name is None and len(names) == 1):
         return name or names[0]
     if not names:
-        raise ToolError("central knows no application: start its program, with a Manager")
-    there = ", ".join(f"'{one}'" for one in names)
+        raise ToolError("central knows no application: start a program that has a Manager")
+    known = ", ".join(f"'{known_name}'" for known_name in names)
     if name is None:
-        raise ToolError(f"central knows several applications: give the name of one of {there}")
-    raise ToolError(f"central knows no application '{name}': it knows {there}")
+        raise ToolError(f"central knows several applications: name one of {known}")
+    raise ToolError(f"central knows no application '{name}': it knows {known}")

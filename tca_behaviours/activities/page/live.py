@@ -1,4 +1,4 @@
-"""An application as central knows it, kept up to date, and the way of commands to it."""
+"""An application as central knows it, kept up to date, and the way to send it commands."""
 
 import contextlib
 import threading
@@ -24,18 +24,16 @@ from tca_module import (
 from tca_module.link.opening import CentralAddress
 
 COMMAND = "tca activities"
-"""The name of its modules: notices do not tell of commands of people's."""
+"""The name of its modules: central sends no notices about modules of tools."""
 
-LOOK = 1.0
-"""Seconds between two looks whether central and the application are there."""
+CHECK_PERIOD = 1.0
+"""Seconds between two checks whether central and the application are there."""
 
 SILENCE = 5.0
-"""Seconds without a word of an application, which tells its figures once a second, until the page
-says so.
-"""
+"""Seconds without a report until the page says so; an application sends figures every second."""
 
 PATIENCE = 20.0
-"""Seconds that a command may last before the page is told that it goes on."""
+"""Seconds that the page waits for the end of a command; then it shows "still running"."""
 
 
 class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,15 +44,13 @@ class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def applications(client: Client) -> list[str]:
-    """The names of those that central knows."""
+    """The names of the applications that central knows."""
     names = [one.name for one in client.messages() if one.message_class == "variable"]
     return sorted(name.removeprefix(APPLICATION) for name in names if name.startswith(APPLICATION))
 
 
 class LiveApplication:
-    """The newest values of an application's variables, as JSON has them, each with the number of
-    its change.
-    """
+    """The newest values of an application's variables, as JSON, each with its change's number."""
 
     def __init__(self, name: str, central: CentralAddress) -> None:
         self.name = name
@@ -63,15 +59,15 @@ class LiveApplication:
         self._module = Module(COMMAND, central)
         self._parts: dict[str, tuple[int, Any]] = {}
         self._serial = 0
-        self._heard_at = 0.0
+        self._received_at = 0.0
         self._changed = threading.Condition()
-        self._over = threading.Event()
+        self._stopped = threading.Event()
         for part in ("application", "allocation", "states", "figures", "picture"):
-            self._module.handles(getattr(self.messages, part))(self._taker(part))
+            self._module.handles(getattr(self.messages, part))(self._receiver(part))
 
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
-        """A block in which it follows central."""
+        """A block in which it receives the variables from central."""
         watch = threading.Thread(target=self._watch, name="watch of the page", daemon=True)
         with self._module.running():
             watch.start()
@@ -82,45 +78,47 @@ class LiveApplication:
         watch.join()
 
     def stop(self) -> None:
-        """Let nobody wait for news any more."""
+        """End all waits for changes."""
         with self._changed:
-            self._over.set()
+            self._stopped.set()
             self._changed.notify_all()
 
     def news(self, since: int, patience: float) -> dict[str, Any]:
-        """What has changed since a change of that number; waits for something new."""
+        """The values that have changed since change number *since*. Waits up to *patience* for a
+        change.
+        """
         with self._changed:
-            self._changed.wait_for(lambda: self._serial > since or self._over.is_set(), patience)
-            if since > self._serial:  # of another server at this address
+            self._changed.wait_for(lambda: self._serial > since or self._stopped.is_set(), patience)
+            if since > self._serial:  # the page comes from another server at this address
                 since = 0
             parts = {part: value for part, (serial, value) in self._parts.items() if serial > since}
             return {"serial": self._serial, "parts": parts}
 
-    def send(self, asked: PageCommand) -> str:
-        """Have a command carried out; a sentence of what became of it. Raises TcaError."""
+    def send(self, command: PageCommand) -> str:
+        """Send a command, wait for its end, and describe the outcome. Raises TcaError."""
         with connect(COMMAND, self._central, patience=PATIENCE) as client:
-            message = client.declared(asked.message)
+            message = client.declared(command.message)
             try:
                 if isinstance(message, Inform):
-                    client.inform(message, asked.data)
-                    return f"{asked.message}: sent"
-                client.command(message, asked.data).result(timeout=PATIENCE)
+                    client.inform(message, command.data)
+                    return f"{command.message}: sent"
+                client.command(message, command.data).result(timeout=PATIENCE)
             except BadData as error:
                 raise MisuseError(str(error)) from None
             except Timeout:
-                return f"{asked.message}: goes on"
-        return f"{asked.message}: done"
+                return f"{command.message}: still running"
+        return f"{command.message}: done"
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _taker(self, part: str) -> Any:
-        def take(_task: Task, value: Any) -> None:
-            self._heard_at = time.monotonic()
-            self._put(part, msgspec.to_builtins(value))
+    def _receiver(self, part: str) -> Any:
+        def receive(_task: Task, value: Any) -> None:
+            self._received_at = time.monotonic()
+            self._store(part, msgspec.to_builtins(value))
 
-        return take
+        return receive
 
-    def _put(self, part: str, value: Any) -> None:
+    def _store(self, part: str, value: Any) -> None:
         with self._changed:
             if part in self._parts and self._parts[part][1] == value:
                 return
@@ -129,15 +127,17 @@ class LiveApplication:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        """Say what is lost, if anything is."""
-        while not self._over.is_set():
+        """Check regularly whether central and the application are there, and publish the problem if
+        not.
+        """
+        while not self._stopped.is_set():
             try:
-                with connect(COMMAND, self._central, patience=LOOK) as client:
-                    while not self._over.wait(LOOK):
-                        self._put("lost", self._lost(client))
+                with connect(COMMAND, self._central, patience=CHECK_PERIOD) as client:
+                    while not self._stopped.wait(CHECK_PERIOD):
+                        self._store("lost", self._lost(client))
             except TcaError as error:
-                self._put("lost", str(error))
-                self._over.wait(LOOK)
+                self._store("lost", str(error))
+                self._stopped.wait(CHECK_PERIOD)
 
     def _lost(self, client: Client) -> str:
         _, entry = self._parts.get("application", (0, None))
@@ -146,10 +146,13 @@ class LiveApplication:
         try:
             is_there = entry["module"] in [module.name for module in client.modules()]
         except (CentralLost, Timeout) as error:
-            return str(error)  # the connection stays: central awaits it when it is back
+            return str(error)  # keep the connection: it works again when central is back
         if not is_there:
-            missing = f"module '{entry['module']}', which manages '{self.name}', is not connected"
-            return f"{missing}: its program has ended, or stands still"
-        if time.monotonic() > self._heard_at + SILENCE:
-            return f"'{self.name}' has told nothing for more than {SILENCE:g} s: its program stands still, or is held up"
+            module = f"module '{entry['module']}', which manages '{self.name}'"
+            return f"{module}, is not connected: its program has ended or hangs"
+        if time.monotonic() > self._received_at + SILENCE:
+            return (
+                f"'{self.name}' has sent no report for more than {SILENCE:g} s: "
+                "its program hangs or is delayed"
+            )
         return ""

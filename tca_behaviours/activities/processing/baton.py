@@ -1,5 +1,7 @@
-"""Processors as threads. The one that has the baton ticks one activity, or waits until the next is
-due. Then it hands the baton to the processor that the schedule names.
+"""Processors as threads, which pass a baton.
+
+The processor that has the baton ticks one activity, or waits until the next one is due. Then it
+passes the baton to the processor that the schedule names.
 """
 
 import contextlib
@@ -13,12 +15,14 @@ from tca_module import MisuseError
 from tca_module.log import log_of
 
 _LOG = log_of("activities")
-_GIVE_WAY = 0.0001  # seconds between two threads that are started: a lock that is let go and taken again lets nobody in
-_PATIENCE = 2.0  # seconds that stop() waits for a tick without a word
+# Seconds between the starts of two threads. Without a pause the lock would be acquired again before
+# any waiting thread could get it.
+_GIVE_WAY = 0.0001
+_PATIENCE = 2.0  # seconds that stop() waits for a tick before it warns
 
 
 class ActivityProcessor:
-    """A processor's thread."""
+    """The thread of a processor."""
 
     def __init__(self, baton: "Baton", processor: Processor) -> None:
         self.processor = processor
@@ -29,7 +33,7 @@ class ActivityProcessor:
 
 
 class Baton:
-    """Runs a schedule: each processor has a thread, and one at a time has the baton."""
+    """Runs a schedule: each processor has a thread, and one thread at a time has the baton."""
 
     def __init__(self) -> None:
         self.schedule = Schedule()
@@ -45,40 +49,43 @@ class Baton:
 
     @contextlib.contextmanager
     def changing(self) -> Iterator[Schedule]:
-        """A block that changes the schedule, while it runs too. A tick goes on meanwhile; the next
-        begins after it.
+        """A block that changes the schedule, also while it runs.
+
+        A running tick continues; the next tick begins after the block.
         """
         with self.lock:
             try:
                 yield self.schedule
             finally:
-                self.schedule.change_order()
+                self.schedule.update_order()
                 if self.is_running:
                     self._match_threads()
                     self._hand_on()
 
-    def ready(self, names: Iterable[str]) -> dict[str, Processor]:
-        """Those of the processors that are not there yet, with their threads: started before the
-        change that wants them, and one by one, so that ticks need not wait.
+    def prepare(self, names: Iterable[str]) -> dict[str, Processor]:
+        """Create the processors that do not exist yet, with their threads.
+
+        The threads start before the change that needs them, one by one, so that ticks need not
+        wait.
         """
-        made = {}
+        created = {}
         for name in names:
             with self.lock:
                 if self.schedule.processor(name) is not None:
                     continue
-                made[name] = Processor(name, self.clock())
+                created[name] = Processor(name, self.clock())
                 if not self.is_running:
                     continue
-                self._start_thread(made[name])
+                self._start_thread(created[name])
             time.sleep(_GIVE_WAY)
-        return made
+        return created
 
     def start(self) -> None:
-        """Begin to tick: all activities are due."""
+        """Start to tick; all activities are due."""
         for thread in self._leaving:
             if thread is threading.current_thread():
                 raise MisuseError(
-                    "start() is not for the activity that has just called stop(): use another thread"
+                    "start() was called from the tick that called stop(): use another thread"
                 )
             thread.join()
         with self.lock:
@@ -90,7 +97,7 @@ class Baton:
                 self._hand_on()
 
     def stop(self) -> None:
-        """Tick no more. A tick that runs is waited for, unless it calls this itself."""
+        """Stop ticking, and wait for a running tick, unless that tick calls this itself."""
         with self.lock:
             self.is_running = False
             for each in list(self._threads.values()):
@@ -98,42 +105,44 @@ class Baton:
         for thread in self._leaving:
             if thread is not threading.current_thread():
                 thread.join(_PATIENCE)
-                if thread.is_alive() and (one := self.schedule.ticked):
-                    _LOG.warning("stop() waits for a tick of activity '%s'", one.name)
+                if thread.is_alive() and (activity := self.schedule.ticked):
+                    _LOG.warning("stop() waits for a tick of activity '%s'", activity.name)
                 thread.join()
 
-    def work(self, mine: ActivityProcessor) -> None:
-        """The life of a thread."""
+    def work(self, own: ActivityProcessor) -> None:
+        """Tick the activities of one processor; the main function of its thread."""
         with self.lock:
-            while self._wait_for_turn(mine):
-                one = self.schedule.begin(mine.processor, self.clock())
+            while self._wait_for_turn(own):
+                activity = self.schedule.begin(own.processor, self.clock())
                 self.lock.release()
                 try:
-                    error = tick(one.activity)
+                    error = tick(activity.activity)
                 finally:
                     self.lock.acquire()
                 self.schedule.end(self.clock(), error)
-            if self.is_running and self._holder is mine:  # it was dismissed while it ticked
+            if self.is_running and self._holder is own:  # dismissed during its tick
                 self._hand_on()
 
-    def _wait_for_turn(self, mine: ActivityProcessor) -> bool:
-        """Until an activity of this processor is to be ticked; False: it has been dismissed."""
-        while self._threads.get(mine.processor) is mine:
-            if self._holder is not mine:
-                mine.turn.wait()
+    def _wait_for_turn(self, own: ActivityProcessor) -> bool:
+        """Wait until an activity of this processor must be ticked. False if the processor was
+        dismissed.
+        """
+        while self._threads.get(own.processor) is own:
+            if self._holder is not own:
+                own.turn.wait()
                 continue
             now = self.clock()
             turn = self.schedule.next_turn(now)
-            if turn is None or turn.processor is not mine.processor:
-                self._hand_on()  # by then it may be the turn of this processor again
+            if turn is None or turn.processor is not own.processor:
+                self._hand_on()  # perhaps to this processor again
             elif turn.at <= now:
                 return True
             else:
-                mine.turn.wait(turn.at - now)
+                own.turn.wait(turn.at - now)
         return False
 
     def _hand_on(self) -> None:
-        """Between ticks: give the baton to the processor that is next."""
+        """Pass the baton to the next processor, unless a tick is running."""
         if self.schedule.ticked is None:
             turn = self.schedule.next_turn(self.clock())
             self._holder = self._threads[turn.processor] if turn else None
@@ -141,7 +150,7 @@ class Baton:
                 self._holder.turn.notify()
 
     def _match_threads(self) -> None:
-        """A thread for each processor, and none for those that are gone."""
+        """Start and dismiss threads, so that each processor of the schedule has one."""
         self._leaving = [thread for thread in self._leaving if thread.is_alive()]
         for processor in set(self._threads) - set(self.schedule.processors):
             self._dismiss(self._threads[processor])

@@ -1,4 +1,4 @@
-"""A tick that may raise: it harms no other activity."""
+"""Ticks an activity. A tick that raises harms no other activity."""
 
 from tca_behaviours.activities.processing.schedule import StateActivity
 from tca_module.log import log_of
@@ -7,10 +7,10 @@ _LOG = log_of("activities")
 
 
 def tick(activity: StateActivity) -> str:
-    """Tick once. The error in words, if it raises; the log has all of it."""
+    """Tick once. Returns the error as text, if the tick raises, and logs the traceback."""
     try:
         activity.tick()
-    except BaseException as error:  # noqa: BLE001 - it would end the thread, and with it all processors
+    except BaseException as error:  # noqa: BLE001 - it would end the thread of all processors
         _LOG.exception("a tick of activity '%s' failed", activity.name)
         return f"{type(error).__name__}: {error}"
     return ""

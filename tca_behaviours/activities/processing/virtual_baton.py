@@ -1,4 +1,4 @@
-"""A schedule without threads, in virtual time: for tests, and for what-ifs."""
+"""A schedule without threads, in virtual time: for tests and for what-if questions."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
@@ -8,12 +8,16 @@ from tca_behaviours.activities.processing.ticking import tick
 
 
 def declared(activity: StateActivity) -> float:
-    """The execution time that is declared, or none."""
+    """The declared execution time; 0 without a declaration."""
     return activity.estimate or 0.0
 
 
 class VirtualBaton:
-    """Runs a schedule as ``Baton`` does, in one thread. A tick takes as long as *cost* says."""
+    """Runs a schedule as ``Baton`` does, in one thread and in virtual time.
+
+    Args:
+        cost: The virtual execution time of a tick in seconds; by default the declared one.
+    """
 
     def __init__(self, cost: Callable[[StateActivity], float] = declared) -> None:
         self.schedule = Schedule()
@@ -32,10 +36,10 @@ class VirtualBaton:
         try:
             yield self.schedule
         finally:
-            self.schedule.change_order()
+            self.schedule.update_order()
 
-    def ready(self, names: Iterable[str]) -> dict[str, Processor]:
-        """Those of the processors that are not there yet."""
+    def prepare(self, names: Iterable[str]) -> dict[str, Processor]:
+        """Create the processors that do not exist yet."""
         return {
             name: Processor(name, self._now)
             for name in names
@@ -43,21 +47,21 @@ class VirtualBaton:
         }
 
     def start(self) -> None:
-        """All activities are due."""
+        """Start; all activities are due."""
         self.is_running = True
         self.schedule.start(self._now)
 
     def stop(self) -> None:
-        """Tick no more."""
+        """Stop ticking."""
         self.is_running = False
 
     def run(self, seconds: float) -> None:
-        """Let time pass, and tick whatever begins meanwhile."""
+        """Let *seconds* of virtual time pass, and tick all activities that become due."""
         end = self._now + seconds
         while self.is_running and (turn := self.schedule.next_turn(self._now)) and turn.at < end:
             self._now = max(self._now, turn.at)
-            one = self.schedule.begin(turn.processor, self._now)
-            error = tick(one.activity)
-            self._now += self._cost(one.activity)
+            activity = self.schedule.begin(turn.processor, self._now)
+            error = tick(activity.activity)
+            self._now += self._cost(activity.activity)
             self.schedule.end(self._now, error)
         self._now = max(self._now, end)

@@ -1,3 +1,1 @@
-"""Machines of activities: as they are written, as data, as an automaton with likelihoods, and at
-work.
-"""
+"""Machines of activities: as written, as data, as an automaton with likelihoods, and running."""

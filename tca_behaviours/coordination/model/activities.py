@@ -1,6 +1,4 @@
-"""What a state of a coordination machine does: tasks for agents, with what they need and what they
-make so.
-"""
+"""Activities of a coordination machine: tasks for agents, with the facts they need and make."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.printable import shortened
 
 _LONGEST = 200
-"""Characters that a task has in the structure of its machine."""
+"""The most characters of a task in the structure of its machine."""
 
 
 def _are_facts(facts: Any) -> bool:
@@ -29,8 +27,12 @@ FACTS = ArgumentKind('values by name, such as {"arm": "home"}', _are_facts)
 
 @dataclass(frozen=True)
 class Agent:
-    """A part of the robot that works on tasks: a base, an arm. It takes so many *tasks* at once;
-    more than one only if its module weighs them by rank.
+    """A part of the robot that works on tasks, such as a base or an arm.
+
+    Args:
+        name: Its name.
+        tasks: How many tasks it takes at the same time; default 1. More than one makes sense only
+            if its module weighs them by their rank.
     """
 
     name: str
@@ -42,7 +44,13 @@ class Agent:
 
 
 class Do:
-    """A task of an activity: a message, its data, and the agents that it needs."""
+    """A task of an activity.
+
+    Args:
+        message: The command or goal to send.
+        data: Its data.
+        *agents: The agents that the task needs.
+    """
 
     def __init__(
         self, message: Command[Any, Any] | Goal[Any], data: Any = None, *agents: Agent
@@ -56,14 +64,14 @@ class Do:
         self.text = shortened(
             f"{message.name} {data_text(message.encode_data(data))}".rstrip(), _LONGEST
         )
-        """Message and data, in words."""
+        """The message's name and the data as text."""
 
     def __repr__(self) -> str:
         return f"Do({self.text})"
 
     @property
     def has_progress(self) -> bool:
-        """Whether it can report any."""
+        """Whether the task can report progress."""
         return self.message.progress.kind is not type(None)
 
 
@@ -75,15 +83,26 @@ _COST_OR_FUNCTION = ArgumentKind(
 
 
 class Activity:
-    """What a state does: its tasks run together, and it is done when all are.
+    """The tasks of a state. They run together, and the activity is done when all of them are.
 
-    *needs*: facts that must hold when it starts and while it runs, until it makes them otherwise
-        itself. *makes*: facts
-    that hold when it is done; from its start until then they are unknown. *cost*: of doing it in
-    vain, a number or a function of the Situation. *progress*: reads the progress of its tasks,
-    where their messages report no plain number in [0, 1]. *undo*: tasks that restore what it has
-    changed. *adapt*: makes the data of a task that runs ahead, at a share of its full speed and
-    with a rank: its place in the preview list.
+    Args:
+        *tasks: The tasks, each a ``Do``; at least one.
+        needs: Facts that must hold when the activity starts and while it runs, unless it changes
+            them itself.
+        makes: Facts that hold when it is done. From its start until then they are unknown.
+        cost: The cost of doing it in vain: a number, or a function of the Situation; default 0.
+        progress: Converts a progress report of its tasks to a number in [0, 1]. Needed if their
+            messages do not report such numbers.
+        undo: Tasks that restore what it has changed.
+        adapt: Makes the data of a task that runs early. Its arguments are the task's data, a share
+            of full speed, and a rank: the place in the preview list.
+
+    Raises:
+        MisuseError: It has no task, or an argument does not fit.
+
+    Example::
+
+        grasp = Activity(Do(GRASP, cup, ARM), needs={"arm": "home"}, makes={"arm": "cup"})
     """
 
     def __init__(
@@ -110,14 +129,16 @@ class Activity:
         return f"Activity({', '.join(task.text for task in self.tasks)})"
 
     def cost(self, situation: Situation) -> float:
-        """The cost of doing it in vain, as things are."""
+        """The cost of doing it in vain in this situation."""
         cost = self._cost(situation) if callable(self._cost) else self._cost
         check(self, _COST, cost=cost)
         return cost
 
     def data_at(self, share: float, rank: int) -> list[Any]:
-        """The data of its tasks at a share of full speed; with rank 0, when its state is entered,
-        their own. Raises what ``adapt`` raises, and BadData if its data do not fit.
+        """The data of its tasks at a share of full speed; with rank 0, in its own state, the
+        written data.
+
+        Raises what ``adapt`` raises, and BadData if the data that it returns do not fit.
         """
         if rank == 0 or self.adapt is None:
             return [task.data for task in self.tasks]
@@ -128,18 +149,19 @@ class Activity:
 
     @property
     def has_progress(self) -> bool:
-        """Whether a task of it can report any."""
+        """Whether any of its tasks can report progress."""
         return any(task.has_progress for task in self.tasks)
 
     def progress(self, report: Any) -> float:
-        """The progress in [0, 1] that a report of one of its tasks stands for."""
+        """The progress in [0, 1] that a report of one of its tasks means."""
         value = self._progress(report) if self._progress is not None else report
-        return min(1.0, max(0.0, float(value)))  # 0 for nan
+        return min(1.0, max(0.0, float(value)))  # NaN gives 0
 
     def _check(self) -> None:
         if not self.tasks:
             raise MisuseError(
-                "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none"
+                "an activity needs a task, such as Do(MOVE, data, agent); "
+                "a state that only waits needs no activity"
             )
         for task in (*self.tasks, *self.undo):
             check("Activity", _DO, task=task)
@@ -151,7 +173,7 @@ class Activity:
                 int,
                 type(None),
             ):
-                told = f"{task.message.title} reports {task.message.progress}"
+                problem = f"{task.message.title} reports {task.message.progress}"
                 raise MisuseError(
-                    f"{told}: give Activity(..., progress=...), a function that makes a number of it"
+                    f"{problem}: give Activity(..., progress=FUNCTION), which returns a number"
                 )

@@ -1,7 +1,7 @@
-"""A machine as a flat probabilistic automaton: its states are leaves, and its arrows have
-likelihoods.
+"""A machine as a flat probabilistic automaton: its states are leaves, its arrows have likelihoods.
 
-They are evaluated when a state is looked at, once in each situation: a preview costs what it sees.
+The arrows of a state are evaluated on first use, once in a situation: a preview evaluates only the
+states that it visits.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from tca_wire.charts import StateKind
 
 
 class LikelyArrow(NamedTuple):
-    """A transition from a leaf, and how likely it is."""
+    """A transition from a leaf, with its likelihood."""
 
     symbol: str
     target: int
@@ -28,23 +28,26 @@ class LikelyArrow(NamedTuple):
 
 
 class Automaton(Protocol):
-    """What a preview needs of a machine. States are numbers of leaves, as in the chart."""
+    """The part of a machine that a preview reads. A state is a leaf's number, as in the chart."""
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. Their likelihoods are 1 together at most."""
+        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
 
     def activity(self, state: int) -> Activity | None:
         """The activity of a leaf, if it has one."""
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf; in another one without an activity it
-        does not rest.
+        """Whether the machine waits for an event in a leaf.
+
+        It passes other leaves without an activity at once.
         """
 
 
-def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow that gets what the others leave: the only one for "done" without a likelihood.
-    Where none is for "done", the only one without, if others have one; not that for "failed".
+def remainder_arrow(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
+    """The arrow that gets the probability that the others leave.
+
+    It is the only arrow for "done" without a likelihood. If there is no arrow for "done", it is the
+    only arrow without a likelihood, if others have one, and not one for "failed".
     """
     done = [arrow for arrow in arrows if arrow.event == DONE]
     others = (
@@ -52,8 +55,8 @@ def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
         if any(arrow.model for arrow in arrows)
         else []
     )
-    unsaid = [arrow for arrow in done or others if arrow.model is None]
-    return unsaid[0] if len(unsaid) == 1 else None
+    without_model = [arrow for arrow in done or others if arrow.model is None]
+    return without_model[0] if len(without_model) == 1 else None
 
 
 class FlatAutomaton:
@@ -73,7 +76,7 @@ class FlatAutomaton:
         return self._states[0].leaf.number
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        """The transitions of a leaf, in their order. Their likelihoods are 1 together at most."""
+        """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
         if state not in self._known:
             self._known[state] = self._evaluated(self._states[state])
         return self._known[state]
@@ -83,8 +86,9 @@ class FlatAutomaton:
         return self._states[state].activity
 
     def waits(self, state: int) -> bool:
-        """Whether the machine waits for an event in a leaf; in another one without an activity it
-        does not rest.
+        """Whether the machine waits for an event in a leaf.
+
+        It passes other leaves without an activity at once.
         """
         return self._states[state].kind is StateKind.WAIT
 
@@ -97,21 +101,17 @@ class FlatAutomaton:
         ]
 
     def _value(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
-        value = (
-            0.0
-            if arrow.model is None
-            else arrow.model.value(self._situation, leaf.label, arrow.symbol)
-        )
-        return (
-            None
-            if value is None
-            else checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
-        )
+        if arrow.model is None:
+            return 0.0
+        value = arrow.model.value(self._situation, leaf.label, arrow.symbol)
+        if value is None:
+            return None
+        return checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
 
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
         found = []
         for arrow in arrows:
-            value = self._mistakes.otherwise(
+            value = self._mistakes.value_or(
                 None,
                 f"nothing is foreseen beyond '{leaf.label}'",
                 partial(self._value, leaf, arrow),
@@ -122,6 +122,6 @@ class FlatAutomaton:
         total = fsum(found)
         if total > 1:
             return [value / total for value in found]
-        if (rest := nominal(arrows)) is not None:
+        if (rest := remainder_arrow(arrows)) is not None:
             found[arrows.index(rest)] = 1 - total
         return found

@@ -1,4 +1,4 @@
-"""A machine at work: the transitions that events take, from leaf to leaf."""
+"""A running machine: the transitions that events cause, from leaf to leaf."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ class TakenArrow(NamedTuple):
 
 
 class Interpreter:
-    """A machine at work. It begins in the leaf that is entered first."""
+    """A running machine. It starts in the leaf that is entered first."""
 
     def __init__(self, states: list[AuthoredState]) -> None:
         self._states = states
@@ -25,7 +25,7 @@ class Interpreter:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew."""
+        """Return to the first leaf."""
         self._chart.begin()
         self.current = self._states[0].leaf.number
         """The current leaf."""
@@ -37,13 +37,19 @@ class Interpreter:
 
     @property
     def is_ended(self) -> bool:
-        """Whether a final state of the whole machine is reached."""
+        """Whether the machine has reached its final state."""
         return self.state.kind is StateKind.FINAL
 
     def take(self, event: str, situation: Situation) -> list[TakenArrow]:
-        """Tell it of an event: "done" and "failed" are those of the current activity. The arrows
-        that were taken: none if nothing leads on by this event as things are; several if a compound
-        has ended by that.
+        """Process an event; "done" and "failed" are those of the current activity.
+
+        Args:
+            event: The name of the event.
+            situation: What guards read.
+
+        Returns:
+            The transitions that were taken: none if no guard allows one, several if the event has
+            ended a compound.
         """
         taken = []
         for arrow in self._chart.take(event, situation):

@@ -1,4 +1,4 @@
-"""How likely a transition is: models that are attached to it."""
+"""Models of the likelihood of a transition."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import fsum, inf
@@ -13,14 +13,12 @@ _ROUNDING = 1e-9
 
 
 class LikelihoodModel:
-    """The likelihood of a transition. Base class: give ``value``."""
+    """The likelihood of a transition. A subclass defines ``value``."""
 
     is_constant = False
-    """Whether its number never changes. The constants of one state must not be more than 1
-    together.
-    """
+    """Whether its value never changes. The sum of the constants of one state must be at most 1."""
     variables: Sequence[Variable[Any]] = ()
-    """The variables that it looks at."""
+    """The variables that it reads."""
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
         """The likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
@@ -30,7 +28,7 @@ class LikelihoodModel:
 
 
 class Prior(LikelihoodModel):
-    """A number that is known beforehand."""
+    """A constant likelihood in [0, 1]."""
 
     is_constant = True
 
@@ -38,7 +36,7 @@ class Prior(LikelihoodModel):
         self.likelihood = checked_likelihood(likelihood, "Prior")
 
     def value(self, _situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
-        """The number."""
+        """The constant."""
         return self.likelihood
 
 
@@ -49,26 +47,34 @@ _COUNTS = ArgumentKind(
 
 
 class Learned(LikelihoodModel):
-    """The share of a transition in earlier runs. *counts*: how often each symbol was taken, by
-    (label, symbol). Unknown in a state that was never left.
+    """The share of a transition in earlier runs; unknown in a state that was never left.
+
+    Args:
+        counts: How often each symbol was taken, by (label, symbol), as ``count_transitions``
+            counts.
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:
         check("Learned", _COUNTS, counts=counts)
         self.counts = dict(counts)
-        self._left: dict[str, int] = {}
+        self._exits: dict[str, int] = {}
         for (label, _), count in self.counts.items():
-            self._left[label] = self._left.get(label, 0) + count
+            self._exits[label] = self._exits.get(label, 0) + count
 
     def value(self, _situation: Situation, leaf: str, symbol: str, /) -> float | None:
         """The share of this symbol."""
-        times = self._left.get(leaf, 0)
-        return self.counts.get((leaf, symbol), 0) / times if times else None
+        exits = self._exits.get(leaf, 0)
+        return self.counts.get((leaf, symbol), 0) / exits if exits else None
 
 
 class Perceived(LikelihoodModel):
-    """The value of a variable: a bool, or a confidence that is cut to [0, 1]; *negated*: 1 minus
-    that. Unknown until it is set.
+    """The value of a variable: a bool, or a confidence, which is limited to [0, 1].
+
+    The likelihood is unknown until the variable is set.
+
+    Args:
+        variable: The variable, of bool, int or float.
+        negated: Whether the likelihood is 1 minus the value; default False.
     """
 
     def __init__(self, variable: Variable[Any], *, negated: bool = False) -> None:
@@ -78,7 +84,7 @@ class Perceived(LikelihoodModel):
         self.negated = negated
 
     def value(self, situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
-        """The confidence as it is now."""
+        """The present confidence."""
         confidence = situation.confidence(self.variables[0])
         return confidence if confidence is None or not self.negated else 1.0 - confidence
 
@@ -90,17 +96,15 @@ class Computed(LikelihoodModel):
         self.function = function
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The function's number."""
+        """The number that the function returns."""
         value = self.function(situation)
-        return (
-            None
-            if value is None
-            else checked_likelihood(value, f"the likelihood of '{symbol}' in state '{leaf}'")
-        )
+        if value is None:
+            return None
+        return checked_likelihood(value, f"the likelihood of '{symbol}' in state '{leaf}'")
 
 
 Likelihood = LikelihoodModel | Callable[[Situation], float | None]
-"""Anything that says how likely a transition is."""
+"""A model of a likelihood, or a function of the Situation."""
 
 _LIKELIHOOD = ArgumentKind(
     "a model such as Prior(0.8), or a function",
@@ -109,20 +113,25 @@ _LIKELIHOOD = ArgumentKind(
 
 
 class Weighted(LikelihoodModel):
-    """The mean of several models with weights; those that are unknown are left out of it."""
+    """The weighted mean of several models. Models whose likelihood is unknown are left out.
+
+    Args:
+        parts: Pairs of a weight above 0 and a model.
+    """
 
     def __init__(self, parts: Iterable[tuple[float, Likelihood]]) -> None:
         pairs = list(parts)
         if not pairs or not all(_is_weighted(pair) for pair in pairs):
             raise MisuseError(
-                "Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]"
+                "Weighted needs pairs of a weight above 0 and a model, "
+                "such as [(2.0, Prior(0.8)), ...]"
             )
         self.parts = [(weight, as_model(model)) for weight, model in pairs]
         self.is_constant = all(model.is_constant for _, model in self.parts)
         self.variables = [variable for _, model in self.parts for variable in model.variables]
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
-        """The mean of what is known."""
+        """The mean of the known likelihoods."""
         values = [(weight, model.value(situation, leaf, symbol)) for weight, model in self.parts]
         known = [(weight, value) for weight, value in values if value is not None]
         weights = fsum(weight for weight, _ in known)
@@ -139,13 +148,13 @@ def _is_weighted(pair: Any) -> bool:
 
 
 def as_model(likelihood: Likelihood) -> LikelihoodModel:
-    """A model as it is; of a function the model that calls it."""
+    """Return a model as it is; wrap a function into a model that calls it."""
     check("a transition", _LIKELIHOOD, likelihood=likelihood)
     return likelihood if isinstance(likelihood, LikelihoodModel) else Computed(likelihood)
 
 
-def checked_likelihood(likelihood: Any, what: str) -> float:
-    """It as a number in [0, 1]; what is outside by rounding is cut. Raises UnsoundMachine."""
+def checked_likelihood(likelihood: Any, subject: str) -> float:
+    """The likelihood as a number in [0, 1], without rounding errors. Raises UnsoundMachine."""
     if not isinstance(likelihood, int | float) or not -_ROUNDING <= likelihood <= 1 + _ROUNDING:
-        raise UnsoundMachine(f"{what} must be a number in [0, 1], not {likelihood!r:.60}")
+        raise UnsoundMachine(f"{subject} must be a number in [0, 1], not {likelihood!r:.60}")
     return min(max(float(likelihood), 0.0), 1.0)

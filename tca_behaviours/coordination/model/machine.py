@@ -1,5 +1,7 @@
-"""A machine of activities, as it is written: ``with Coordination("deliver", facts={...}) as
-deliver:``.
+"""A machine of activities, as it is written.
+
+with Coordination("deliver", facts={...}) as deliver:
+    fetch = deliver.state("fetch", Activity(...))
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,12 +28,26 @@ _ACTIVITY_OR_NONE = instance_of("an Activity(Do(...))", Activity).or_none()
 
 
 class Coordination(BlockMachine[AuthoredState]):
-    """A machine whose states have activities. Its states are written inside its ``with`` block, and
-    checked at the end of that; the first one is entered first.
+    """A machine whose states have activities. The first state is entered first.
 
-    *facts*: what holds at the start. *watch*: variables that functions read (guards, costs,
-        likelihoods), beside those
-    that are guards themselves or in Perceived.
+    States are written inside its ``with`` block, and checked at its end.
+
+    Args:
+        name: The machine's name.
+        facts: The facts that hold at the start.
+        watch: Variables that functions read (guards, costs, likelihoods). Guards that are
+            variables, and those of Perceived, are watched anyway.
+
+    Raises:
+        UnsoundMachine: At the end of the block: the machine can't be run as it is written.
+
+    Example::
+
+        with Coordination("deliver") as deliver:
+            drive = deliver.state("drive", Activity(Do(DRIVE, "table", BASE)))
+            grasp = deliver.state("grasp", Activity(Do(GRASP, "cup", ARM)))
+            drive.to(grasp)
+            grasp.to(deliver.final("delivered"))
     """
 
     def __init__(
@@ -44,7 +60,7 @@ class Coordination(BlockMachine[AuthoredState]):
         super().__init__(name, AuthoredState(StateKind.COMPOUND, name, None))
         check(self, FACTS, facts=facts or {})
         self.facts = dict(facts or {})
-        """What holds at the start."""
+        """The facts that hold at the start."""
         self._watch = list(watch)
 
     def __repr__(self) -> str:
@@ -53,28 +69,38 @@ class Coordination(BlockMachine[AuthoredState]):
     # --- states -----------------------------------------------------------------------------------
 
     def state(self, label: str, activity: Activity | None = None) -> AuthoredState:
-        """A state with an activity; or one without, which waits for an event."""
+        """Add a state with an activity; without one, a state that waits for an event.
+
+        Args:
+            label: The state's label, unique in the machine.
+            activity: What the robot does in the state.
+
+        Returns:
+            The state; its ``to`` adds transitions.
+        """
         check(f"state {label!r:.60}", _ACTIVITY_OR_NONE, activity=activity)
         kind = StateKind.WAIT if activity is None else StateKind.ACTIVITY
-        return self._added(AuthoredState(kind, label, self._place(label), activity))
+        return self._register(AuthoredState(kind, label, self._place(label), activity))
 
     def final(self, label: str) -> AuthoredState:
-        """The end of the compound in which it is written, which is done then; outside of any, that
-        of the machine.
+        """Add the end of the compound in which it is written; outside of any compound, of the
+        machine.
         """
-        return self._added(AuthoredState(StateKind.FINAL, label, self._place(label)))
+        return self._register(AuthoredState(StateKind.FINAL, label, self._place(label)))
 
     def compound(self, label: str) -> AuthoredState:
-        """A state that holds those that are written inside its ``with`` block. Its arrows apply in
-        all of them, but for those for "done": they are taken when a final state inside is reached.
-        """
-        return self._added(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
+        """Add a state that holds the states written inside its ``with`` block.
 
-    # --- the whole --------------------------------------------------------------------------------
+        Its arrows apply in all of them. Only its arrows for "done" wait until a final state inside
+        is reached.
+        """
+        return self._register(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
+
+    # --- the whole machine ------------------------------------------------------------------------
 
     @property
     def agents(self) -> list[Agent]:
-        """The agents of its activities, in the order in which they are written."""
+        """The agents of its activities, in writing order."""
         tasks = [task for state in self.states if state.activity for task in state.activity.tasks]
         return list(dict.fromkeys(agent for task in tasks for agent in task.agents))
 
@@ -84,13 +110,13 @@ class Coordination(BlockMachine[AuthoredState]):
 
     @property
     def events(self) -> set[str]:
-        """The events that its arrows name, beside "done" and "failed"."""
+        """The events that its arrows name, except "done" and "failed"."""
         return {arrow.event for arrow in self._arrows} - {DONE, FAILED}
 
     @property
     def variables(self) -> list[Variable[Any]]:
-        """The variables that it looks at."""
-        of_arrows = [one for arrow in self._arrows for one in arrow.variables]
+        """The variables that it reads."""
+        of_arrows = [variable for arrow in self._arrows for variable in arrow.variables]
         return list({variable.name: variable for variable in (*self._watch, *of_arrows)}.values())
 
     @property
@@ -100,29 +126,32 @@ class Coordination(BlockMachine[AuthoredState]):
         return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
-        """The machine with its likelihoods in that situation. *mistakes*: takes what their
-        functions raise.
+        """The machine with its likelihoods in a situation. *mistakes* receives the errors of
+        functions.
         """
         return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
     def interpreter(self) -> Interpreter:
-        """The machine at work, in its first state."""
+        """A new interpreter of the machine, in its first state."""
         return Interpreter(self.states)
 
     def draw(self, path: str | Path, report: CoordinationReport | None = None) -> None:
-        """Draw it into a file, .svg, .png, .pdf or .dot. With a *report* of a run the current state
-        is green, and those that it foresees are yellow, with their likelihoods. Raises MisuseError
-        if that can't be done.
+        """Draw the machine into a file.
+
+        Args:
+            path: The file; its ending says the format: .svg, .png, .pdf or .dot.
+            report: A report of a run. The current state is green; foreseen states are yellow, with
+                their likelihoods.
+
+        Raises:
+            MisuseError: The file can't be drawn or written.
         """
-        marks, likely = (
-            ({}, None)
-            if report is None
-            else (report_marks(report), likely_arrows(self.chart, report))
-        )
+        marks = {} if report is None else report_marks(report)
+        likely = None if report is None else likely_arrows(self.chart, report)
         self._draw(path, chart_dot(self.chart, marks, likely))
 
     def _numbered(self) -> list[AuthoredState]:
-        return list(self.root.all())[1:]  # it has no frame around it all
+        return list(self.root.all())[1:]  # the root is not a state of the chart
 
     def _check(self, states: list[AuthoredState]) -> None:
         check_machine(states, self.facts)

@@ -7,29 +7,32 @@ T = TypeVar("T")
 
 
 class Mistakes:
-    """Errors in likelihoods, costs and policies, and in what reads the progress of early work. In a
-    run each is told once, and the run goes on without that bit of preview; elsewhere it is raised.
-    What else stops a preview is told once, too.
+    """Handles errors in likelihoods, costs, policies, and in functions that read early work's
+    progress.
+
+    In a run, each error is reported once, and the run continues without that part of its preview.
+    Outside of a run the error is raised. Other reasons that stop a preview are reported once, too.
     """
 
-    def __init__(self, tell: Callable[[str], object] | None = None) -> None:
-        self._tell = tell
-        self._told = set[str]()
+    def __init__(self, report: Callable[[str], object] | None = None) -> None:
+        self._report = report
+        self._reported = set[str]()
 
-    def otherwise(self, value: T, what: str, function: Callable[[], T]) -> T:
-        """The result of a function; that *value* if it fails, for the reason that *what* follows
-        from it.
+    def value_or(self, value: T, consequence: str, function: Callable[[], T]) -> T:
+        """Return the result of a function. If it raises, report that and return *value*.
+
+        *consequence* says what follows from the error, for the report.
         """
         try:
             return function()
         except Exception as error:
-            if self._tell is None:
+            if self._report is None:
                 raise
-            self.tell(what, f"{type(error).__name__}: {error}")
+            self.report(consequence, f"{type(error).__name__}: {error}")
             return value
 
-    def tell(self, what: str, why: str) -> None:
-        """Tell once what follows, and why or what to do."""
-        if what not in self._told and self._tell is not None:
-            self._told.add(what)
-            self._tell(f"{what}: {why}")
+    def report(self, consequence: str, why: str) -> None:
+        """Report a consequence once, with its reason or with what to do."""
+        if consequence not in self._reported and self._report is not None:
+            self._reported.add(consequence)
+            self._report(f"{consequence}: {why}")

@@ -1,4 +1,4 @@
-"""What guards, costs and likelihoods may look at."""
+"""The situation that guards, costs and likelihoods read."""
 
 import json
 from collections.abc import Mapping
@@ -14,36 +14,42 @@ Fact = str | bool | int | float
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """How things are at one moment of a run."""
+    """The state of a run at one moment, as guards, costs and likelihoods read it."""
 
     state: str = ""
     """The label of the current state."""
     facts: Mapping[str, Fact] = field(default_factory=dict)
-    """What is known to hold. A fact that an activity is changing just now is absent."""
+    """The facts that hold. A fact that an activity is changing is absent."""
     variables: Mapping[str, Any] = field(default_factory=dict)
-    """By name, all those that are watched; the value of one that was never set is None."""
+    """The values of the watched variables, by name; None if a variable was never set."""
     progress: float = 0.0
-    """Of the current activity, in [0, 1]."""
+    """The progress of the current activity, in [0, 1]."""
 
     def variable(self, variable: Variable[Any], default: Any = None) -> Any:
-        """The value of a variable; the default if it was never set. Raises MisuseError if it is not
-        watched.
+        """Return the value of a variable.
+
+        Args:
+            variable: The variable; it must be watched.
+            default: The value if it was never set.
+
+        Raises:
+            MisuseError: The variable is not watched.
         """
         if variable.name not in self.variables:
-            advice = f"give Coordination(..., watch=[...]) the variables that functions read, {variable.name!r} too"
+            advice = f"add it to Coordination(..., watch=[...]): a function reads {variable.name!r}"
             raise MisuseError(f"{variable.title} is not watched: {advice}")
         value = self.variables[variable.name]
         return default if value is None else value
 
     def confidence(self, variable: Variable[Any]) -> float | None:
-        """The value of a variable as a number in [0, 1]; None if it was never set."""
+        """Return the value of a variable as a number in [0, 1]; None if it was never set."""
         value = self.variable(variable)
         return None if value is None or isnan(value) else min(max(float(value), 0.0), 1.0)
 
 
-def check_confidence(variable: Variable[Any], what: str) -> None:
-    """Raises MisuseError if a variable holds no number and no bool."""
+def check_confidence(variable: Variable[Any], subject: str) -> None:
+    """Raise MisuseError if a variable holds neither a number nor a bool."""
     if json.loads(variable.data.schema or "{}").get("type") not in ("boolean", "integer", "number"):
         raise MisuseError(
-            f"{what} wants a variable of bool or float: {variable.title} holds {variable.data}"
+            f"{subject} needs a variable of bool or float: {variable.title} holds {variable.data}"
         )

@@ -1,4 +1,4 @@
-"""What must be true of a machine before it may run."""
+"""The checks of a machine before it may run."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from math import fsum
 from tca_behaviours.coordination.model.activities import Agent
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredState
-from tca_behaviours.statecharts.soundness import arrows_of, check_arrows, check_no_circle
+from tca_behaviours.statecharts.soundness import arrows_of, check_arrows, check_no_cycle
 from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import StateKind
 from tca_wire.text.measures import counted, listed
@@ -17,7 +17,7 @@ _ROUNDING = 1e-9
 
 
 def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
-    """Raises UnsoundMachine if a machine can't be run."""
+    """Raise UnsoundMachine if a machine can't be run."""
     for state in states:
         _check_events(state)
     leaves = [state for state in states if state.kind is not StateKind.COMPOUND]
@@ -30,23 +30,26 @@ def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> Non
 
 
 def _check_events(state: AuthoredState) -> None:
-    """Its arrows wait for events that can come: activities fail and are done, and compounds with an
-    end are done.
+    """Check that the events of its arrows can occur.
+
+    Activities fail and are done. A compound is done if it has a final state.
     """
     events = {arrow.event for arrow in state.arrows}
     match state.kind:
-        case StateKind.FINAL if state is next(state.around()).children[0]:
+        case StateKind.FINAL if state is next(state.containers()).children[0]:
             raise UnsoundMachine(
-                f"the final state {state!r} comes first, so nothing is done: write it after others"
+                f"the final state {state!r} comes first, so nothing is done: write it last"
             )
         case StateKind.FINAL if events:
             raise UnsoundMachine(
-                f"the final state {state!r} has an arrow: write it to the compound around it"
+                f"the final state {state!r} has an arrow: give it to the compound around it"
             )
         case StateKind.WAIT if events & {DONE, FAILED}:
             event = min(events & {DONE, FAILED})
-            msg = f"{state!r} has no activity, so it is never {event}"
-            raise UnsoundMachine(f"{msg}: name the event that it waits for, .to(..., on=...)")
+            raise UnsoundMachine(
+                f"{state!r} has no activity, so it is never {event}: "
+                "name the event that it waits for, .to(..., on=...)"
+            )
         case StateKind.COMPOUND:
             can_end = any(child.kind is StateKind.FINAL for child in state.children)
             if DONE in events and not can_end:
@@ -56,35 +59,36 @@ def _check_events(state: AuthoredState) -> None:
             if can_end and not any(
                 arrow.event == DONE and arrow.guard is None for arrow in state.arrows
             ):
-                msg = f"compound {state!r} can be done, and nothing leads on from there"
-                raise UnsoundMachine(f"{msg}: give it an arrow for 'done' without a guard")
+                raise UnsoundMachine(
+                    f"compound {state!r} can be done, but has no arrow for that: "
+                    "give it an arrow for 'done' without a guard"
+                )
 
 
 def _check_agents(leaves: list[AuthoredState]) -> None:
-    """Agents of one name are one agent, and no activity needs one too often."""
+    """Check that agents of one name are equal, and that no activity overloads an agent."""
     known: dict[str, Agent] = {}
     for leaf in leaves:
         tasks = leaf.activity.tasks if leaf.activity is not None else ()
         for agent, times in Counter(agent for task in tasks for agent in task.agents).items():
             if known.setdefault(agent.name, agent) != agent:
-                msg = (
-                    f"agent '{agent.name}' takes {counted(known[agent.name].tasks, 'task')} at once"
-                )
+                capacity = counted(known[agent.name].tasks, "task")
                 raise UnsoundMachine(
-                    f"{msg}, and in {leaf!r} {agent.tasks}: make one Agent and use it everywhere"
+                    f"agent '{agent.name}' takes {capacity} at once, but {agent.tasks} "
+                    f"in {leaf!r}: make one Agent and use it everywhere"
                 )
             if times > agent.tasks:
-                msg = f"the activity of {leaf!r} needs agent '{agent.name}' for {times} tasks at once, and it takes"
-                raise UnsoundMachine(f"{msg} {agent.tasks}: put the tasks into states of their own")
+                raise UnsoundMachine(
+                    f"the activity of {leaf!r} needs agent '{agent.name}' for {times} tasks "
+                    f"at once, but it takes {agent.tasks}: give each task a state of its own"
+                )
 
 
 def _check_way_out(leaf: AuthoredState) -> None:
-    """Something leads on from it, and its constant likelihoods are 1 together at most."""
+    """Check that a leaf has an arrow, and that the sum of its constant likelihoods is at most 1."""
     arrows = arrows_of(leaf)
     if leaf.kind is not StateKind.FINAL and not arrows:
-        raise UnsoundMachine(
-            f"nothing leads on from {leaf!r}: write an arrow, or make it final(...)"
-        )
+        raise UnsoundMachine(f"{leaf!r} has no arrow: add one, or make it final(...)")
     models = [(arrow.symbol, arrow.model) for arrow in arrows if arrow.model is not None]
     constants = {
         symbol: model.value(Situation(), "", "") or 0.0
@@ -95,23 +99,22 @@ def _check_way_out(leaf: AuthoredState) -> None:
     if total > 1 + _ROUNDING:
         parts = listed([f"{value:g} for '{symbol}'" for symbol, value in constants.items()])
         raise UnsoundMachine(
-            f"the likelihoods of {leaf!r} are {total:g} together: {parts}; they must be 1 at most"
+            f"the sum of the likelihoods of {leaf!r} is {total:g}: {parts}; it must be at most 1"
         )
 
 
 def _check_ends(leaves: list[AuthoredState]) -> None:
-    """The end of a compound may lead to that of another, but not in a circle: nothing would be done
-    for ever.
-    """
+    """Check that the ends of compounds do not lead to each other in a cycle that does nothing."""
     ends = [leaf for leaf in leaves if leaf.kind is StateKind.FINAL]
-    check_no_circle(
+    check_no_cycle(
         {end: [to for arrow in arrows_of(end) if (to := arrow.target.leaf) in ends] for end in ends}
     )
 
 
 def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
-    """Each fact that is needed can hold: at the start, or made by an activity whose own needs can
-    be met.
+    """Check that each needed fact can hold.
+
+    It must hold at the start, or be made by an activity whose own needs can be met.
     """
     blocked = {leaf: leaf.activity for leaf in leaves if leaf.activity is not None}
     makers: dict[tuple[str, Fact], AuthoredState] = {}
@@ -120,7 +123,7 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             makers.setdefault(fact, leaf)
     can_hold = set(facts.items())
     for leaf, activity in blocked.items():
-        if lost := next(
+        if unmet := next(
             (
                 fact
                 for fact in activity.needs.items()
@@ -128,8 +131,10 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             ),
             None,
         ):
-            msg = f"{leaf!r} needs {_fact(lost)}: no activity makes it so, and it does not hold at the start"
-            raise UnsoundMachine(f"{msg}; give it in makes= of one, or in facts= of the machine")
+            raise UnsoundMachine(
+                f"{leaf!r} needs {_fact(unmet)}, which no activity makes, and which does not hold "
+                "at the start: add it to makes= of an activity, or to facts= of the machine"
+            )
     met = len(blocked) + 1
     while met > len(blocked):
         met = len(blocked)
@@ -141,18 +146,18 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             leaf: next(fact for fact in activity.needs.items() if fact not in can_hold)
             for leaf, activity in blocked.items()
         }
-        circle = _circle({leaf: makers[fact] for leaf, fact in lacking.items()})
+        cycle = _cycle({leaf: makers[fact] for leaf, fact in lacking.items()})
         steps = [
             f"{leaf!r} needs {_fact(lacking[leaf])}, made by {maker!r}"
-            for leaf, maker in pairwise(circle)
+            for leaf, maker in pairwise(cycle)
         ]
         raise UnsoundMachine(
-            f"needs in a circle: {'; '.join(steps)}; let one of these facts hold at the start"
+            f"the needs form a cycle: {'; '.join(steps)}; add one of these facts to facts="
         )
 
 
-def _circle(after: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
-    """States that come after one another, the first of them at the end again."""
+def _cycle(after: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
+    """Follow the states until one repeats; it stands at the start and at the end."""
     path = [next(iter(after))]
     while path.count(path[-1]) == 1:
         path.append(after[path[-1]])

@@ -1,4 +1,4 @@
-"""A machine's states and arrows, as they are written down."""
+"""A machine's states and arrows, as they are written."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -16,11 +16,11 @@ DONE, FAILED = "done", "failed"
 """The events of a state's own activity."""
 
 Guard = Variable[Any] | Callable[[Situation], bool]
-"""It holds if the variable is true, or 0.5 at least; or if the function says so."""
+"""It holds if the variable is true or at least 0.5, or if the function returns True."""
 
 
 class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
-    """A state of a machine that is being written; ``to`` says which state follows it."""
+    """A state of a machine that is being written. ``to`` says which states follow it."""
 
     def __init__(
         self,
@@ -47,14 +47,28 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         likelihood: Likelihood | None = None,
         guard_name: str = "",
     ) -> "AuthoredArrow":
-        """An arrow to another state, or to the one of that label. It is taken at the event *on*, if
-        *when* holds; of several with one event the first whose guard holds. *guard_name*: for
-        texts, instead of the guard's own name.
+        """Add an arrow to another state.
+
+        If several arrows have the same event, the first whose guard holds is taken.
+
+        Args:
+            target: The state that follows, or its label.
+            on: The event; default "done". "done" and "failed" are those of the state's activity.
+            when: The guard: a variable that must be true or at least 0.5, or a function of the
+                Situation.
+            likelihood: How likely the arrow is: a model such as Prior(0.8), or a function.
+            guard_name: The guard's name in texts; by default the name of the variable or function.
+
+        Returns:
+            The arrow.
+
+        Raises:
+            MisuseError: An argument does not fit, or the machine is built.
         """
         check(f"{self!r}.to(...)", LABEL, on=on)
         name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
         model = None if likelihood is None else as_model(likelihood)
-        return self.lead(AuthoredArrow(self, target, on, when, name, model))
+        return self.add_arrow(AuthoredArrow(self, target, on, when, name, model))
 
 
 class AuthoredArrow(Arrow[AuthoredState]):
@@ -75,16 +89,14 @@ class AuthoredArrow(Arrow[AuthoredState]):
 
     @property
     def is_inherited(self) -> bool:
-        """Whether the states inside its own obey it; not where it leads on from the end of a
-        compound.
+        """Whether it also leaves the states inside its source. False if the end of a compound takes
+        it.
         """
         return self.event != DONE or self.source.kind is not StateKind.COMPOUND
 
     @property
     def is_impossible(self) -> bool:
-        """Whether its author says that it is never taken: its likelihood is 0, and does not
-        change.
-        """
+        """Whether its likelihood is the constant 0, so that it is never taken."""
         return (
             self.model is not None
             and self.model.is_constant
@@ -93,12 +105,12 @@ class AuthoredArrow(Arrow[AuthoredState]):
 
     @property
     def variables(self) -> list[Variable[Any]]:
-        """The variables that its guard and its likelihood look at."""
+        """The variables that its guard and its likelihood read."""
         of_guard = [self.guard] if isinstance(self.guard, Variable) else []
         return [*of_guard, *(self.model.variables if self.model is not None else ())]
 
     def holds(self, now: Any = None) -> bool:
-        """Whether it may be taken, as things are."""
+        """Whether its guard allows it in the present situation."""
         if self.guard is None:
             return True
         if isinstance(self.guard, Variable):

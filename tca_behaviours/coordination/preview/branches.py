@@ -1,8 +1,7 @@
-"""The variables that some branch of a machine may need as they are: early work changes one only if
-it can be undone.
+"""The variables that a branch of a machine may need unchanged.
 
-These are the live variables of a program, as compilers find them. They follow from the structure of
-a machine alone.
+Early work may change one only if it can be undone. They are the live variables that compilers
+compute, and follow from the structure of a machine alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +22,10 @@ class BareArrow(NamedTuple):
 
 
 def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
-    """For each leaf, the variables that a branch after it may need as they are, and the leaf where
-    that branch begins. An arrow of which the likelihood is 0 for ever begins no branch.
+    """For each leaf, the variables that a branch after it may need unchanged.
+
+    Each variable has the leaf where that branch starts. An arrow whose likelihood is the constant 0
+    starts no branch.
     """
     leaves = [state for state in machine.states if state.leaf is state]
     arrows = {
@@ -43,9 +44,10 @@ def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
 def live_variables(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
 ) -> dict[int, dict[str, int]]:
-    """For each state, the variables that, on some path after it, a state needs before one has made
-    them anew, each with the first state of that path. The end, a state without arrows, needs all of
-    them: the next run builds on what this one leaves.
+    """For each state, the variables that some path after it needs before it changes them.
+
+    Each variable has the first state of that path. A state without arrows is an end, and needs all
+    variables: the next run builds on the values that this run leaves.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
     entering: dict[int, set[str]] = {
@@ -54,9 +56,8 @@ def live_variables(
     is_stable = False
     while not is_stable:
         is_stable = True
-        for state in reversed(
-            [state for state in arrows if arrows[state]]
-        ):  # needs travel against the arrows
+        # Needs travel against the arrows, so the last states first take the fewest rounds.
+        for state in reversed([state for state in arrows if arrows[state]]):
             live = _live_before(arrows[state], entering, activities.get(state))
             if live != entering[state]:
                 entering[state] = live
@@ -74,16 +75,16 @@ def live_variables(
 def _live_before(
     arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None
 ) -> set[str]:
-    """The variables that a state, or what follows it, needs as they are when it is entered."""
+    """The variables that a state, or a state after it, needs unchanged when it is entered."""
     later = set().union(*(entering[arrow.target] for arrow in arrows))
     if activity is None:
         return later
     live = activity.needs.keys() | (later - activity.makes.keys())
-    if activity.needs:  # if these do not hold it fails, and has made nothing
+    if activity.needs:  # if they do not hold, the activity fails without having changed anything
         live |= set().union(*(entering[arrow.target] for arrow in arrows if arrow.is_failure))
     return live
 
 
 def harmed(activity: Activity, needed: Mapping[str, int]) -> str | None:
-    """The first variable that an activity changes and that a branch needs as it is, if any."""
+    """The first variable that an activity changes and a branch needs unchanged, if any."""
     return next((variable for variable in activity.makes if variable in needed), None)

@@ -1,4 +1,6 @@
-"""What to do ahead, as things are: the one question that a coordinator asks at every event."""
+"""Which activities start, continue or stop ahead of their states: a coordinator asks at every
+event.
+"""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,15 +20,15 @@ from tca_wire.coordination import Foreseen, Objection, Reason
 
 
 class WorkPhase(StrEnum):
-    """How far the activity of a state is that is not the current one."""
+    """The progress of an activity that is not the current one."""
 
     RUNNING = "running"
     DONE = "done"
     FAILED = "failed"
     STOPPING = "stopping"
-    """It has been told to stop, and has not ended yet."""
+    """It was asked to stop, and has not ended yet."""
     RESTORING = "restoring"
-    """What undoes it is running."""
+    """The tasks that undo it are running."""
 
 
 @dataclass(frozen=True)
@@ -37,46 +39,41 @@ class EarlyWork:
     phase: WorkPhase = WorkPhase.RUNNING
     progress: float = 0.0
     share: float = 1.0
-    """Of full speed."""
+    """The share of full speed."""
 
 
 @dataclass(frozen=True)
 class Present:
-    """How a run stands."""
+    """The state of a run, as the decision reads it."""
 
     current: int
-    """The state that the machine is in. Its activity is none of the early work."""
+    """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """As the robot is, with what early work has changed; what is being changed is absent."""
+    """The facts as the robot is now, changed by early work; those being changed are absent."""
     situation: Situation
-    """As the machine without a preview would see it. Its progress is that of the current
-    activity.
-    """
+    """The situation as a machine without a preview sees it."""
     is_done: bool = False
-    """Whether the current activity has been done, and the machine waits for something else."""
+    """Whether the current activity is done, and the machine waits for an event."""
     is_new: bool = False
     """Whether the machine has taken a transition since the last decision."""
     work: Sequence[EarlyWork] = ()
     spoilt: Collection[str] = frozenset()
-    """Variables that early work has changed in vain, and that have not been restored or made
-    anew.
-    """
+    """Variables that early work has changed in vain, and that no task has restored or set since."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What follows from how a run stands."""
+    """The preview list of a run, and what to start and stop because of it."""
 
     preview: list[Foreseen]
     shares: dict[int, float] = field(default_factory=dict)
-    """By state, the share of full speed of activities that start now, before their turn, or get
-    another speed.
-    """
+    """By state, the share of full speed of activities that start early now, or change speed."""
     stops: list[Objection] = field(default_factory=list)
-    """Early work that is of no use any more, whether it runs, is done or has failed."""
+    """Early work that has become useless, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
-    """Activities of the list that do not start now, and why; and the current one if no state is
-    foreseen after it.
+    """Activities of the list that do not start now, with the reasons.
+
+    The current activity is one of them if no state is foreseen after it.
     """
 
 
@@ -86,21 +83,21 @@ class LookAhead(NamedTuple):
     policy: Policy
     limits: PreviewLimits
     needed: Mapping[int, Mapping[str, int]]
-    """As ``needed_later`` found it."""
+    """The result of ``needed_later``."""
     mistakes: Mistakes = Mistakes()
-    """Takes what functions raise that only a preview calls."""
+    """Receives the errors of functions that only a preview calls."""
 
     def decide(self, automaton: Automaton, present: Present) -> Decision:
-        """The preview list, and what is started and stopped by it."""
+        """Compute the preview list, and what to start and stop because of it."""
         decision = Decision(most_likely(automaton, present.current, self.limits))
         if not decision.preview and automaton.activity(present.current) is not None:
             decision.refused.append(Objection(present.current, Reason.STEADY))
-        _Deciding(self, automaton, present, decision).decide()
+        _DecisionMaker(self, automaton, present, decision).decide()
         return decision
 
 
-class _Deciding:
-    """One decision: the states of the list have their turns, the next one first."""
+class _DecisionMaker:
+    """One decision. The states of the list have their turns, the next one first."""
 
     def __init__(
         self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision
@@ -112,16 +109,16 @@ class _Deciding:
         self.decision = decision
         self.mistakes = ahead.mistakes
         self.work = {work.state: work for work in present.work}
-        self.before = Reservations()  # by what comes first
-        self.running = Reservations()  # by all that runs, in whatever order
-        self.allotted = Places()  # by turn
-        self.held = Places()  # as it is now, whoever's turn it is
-        self.unsettled = set(present.spoilt)  # variables whose values may be in vain
+        self.earlier = Reservations()  # of the activities that come first
+        self.running = Reservations()  # of all running activities, in any order
+        self.allotted = Places()  # in the order of the turns
+        self.held = Places()  # of the activities that run now
+        self.uncertain = set(present.spoilt)  # variables whose values may be undone
         self._reserve()
 
     def decide(self) -> None:
         current = self.present.current
-        seen, before, progress = {current}, current, self._progress_of_current()
+        seen, state_before, progress = {current}, current, self._progress_of_current()
         for index, foreseen in enumerate(self.decision.preview, start=1):
             state = foreseen.state
             activity = self.automaton.activity(state)
@@ -130,13 +127,13 @@ class _Deciding:
                     self.decision.refused.append(Objection(state, Reason.REPEATED))
                 else:
                     self._turn(
-                        self._candidate(index, foreseen, activity, before, progress), activity
+                        self._candidate(index, foreseen, activity, state_before, progress), activity
                     )
                     work = self.work.get(state)
                     is_done = work is not None and work.phase is WorkPhase.DONE
-                    self.before.add(state, activity.needs, activity.makes, is_done=is_done)
+                    self.earlier.add(state, activity.needs, activity.makes, is_done=is_done)
             if activity is not None or self.automaton.waits(state):
-                before, progress = state, self._progress(state)
+                state_before, progress = state, self._progress(state)
             seen.add(state)
         for work in self.present.work:
             if work.state in seen or work.phase in (WorkPhase.STOPPING, WorkPhase.RESTORING):
@@ -144,28 +141,30 @@ class _Deciding:
             if objection := self._objection_to_unforeseen(work):
                 self.decision.stops.append(objection)
 
-    # --- what is reserved -------------------------------------------------------------------------
+    # --- reservations -----------------------------------------------------------------------------
 
     def _reserve(self) -> None:
-        """For the current activity, which goes first, and for all that runs."""
+        """Reserve variables and places for the current activity, which comes first, and for running
+        work.
+        """
         current = self.automaton.activity(self.present.current)
         if current is not None and not self.present.is_done:
-            self.before.add(self.present.current, current.needs, current.makes)
+            self.earlier.add(self.present.current, current.needs, current.makes)
             self.running.add(self.present.current, current.needs, current.makes)
-            self.allotted.take(current.tasks)
-            self.held.take(current.tasks)
+            self.allotted.occupy(current.tasks)
+            self.held.occupy(current.tasks)
         for work in self.present.work:
             activity = self._activity(work.state)
-            self.unsettled |= activity.makes.keys()
+            self.uncertain |= activity.makes.keys()
             if work.phase is WorkPhase.RUNNING:
                 self.running.add(work.state, activity.needs, activity.makes)
-                self.held.take(activity.tasks)
+                self.held.occupy(activity.tasks)
             elif work.phase is WorkPhase.STOPPING:
-                self.before.add(work.state, activity.needs, activity.makes)
-                self.held.take(activity.tasks)
+                self.earlier.add(work.state, activity.needs, activity.makes)
+                self.held.occupy(activity.tasks)
             elif work.phase is WorkPhase.RESTORING:
-                self.before.add(work.state, (), activity.makes)
-                self.held.take(activity.undo)
+                self.earlier.add(work.state, (), activity.makes)
+                self.held.occupy(activity.undo)
 
     def _activity(self, state: int) -> Activity:
         activity = self.automaton.activity(state)
@@ -178,15 +177,13 @@ class _Deciding:
         activity = self.automaton.activity(self.present.current)
         if activity is None:
             return 0.0
-        return (
-            1.0
-            if self.present.is_done or not activity.has_progress
-            else self.present.situation.progress
-        )
+        if self.present.is_done or not activity.has_progress:
+            return 1.0
+        return self.present.situation.progress
 
     def _progress(self, state: int) -> float:
-        """Of the activity of a foreseen state, as those after it see it: 1 where none can be
-        reported.
+        """The progress of a foreseen state's activity, as later activities see it; 1 if it can't
+        report.
         """
         activity, work = self.automaton.activity(state), self.work.get(state)
         if activity is None or work is None:
@@ -199,10 +196,10 @@ class _Deciding:
     def _candidate(
         self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float
     ) -> Candidate:
-        """*progress*: of the activity of the state *before*."""
+        """The candidate that the policy sees. *progress* is that of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
-        cost = self._valued(nan, activity, lambda: activity.cost(self.present.situation))
+        cost = self._evaluate(nan, activity, lambda: activity.cost(self.present.situation))
         return Candidate(
             state=foreseen.state,
             index=index,
@@ -218,24 +215,24 @@ class _Deciding:
         )
 
     def _turn(self, candidate: Candidate, activity: Activity) -> None:
-        """Start it, let it go on, stop it or refuse it."""
+        """Start the activity, continue it, stop it, or refuse it."""
         state = candidate.state
         work = self.work.get(state)
         if work is None:
-            self._begin(candidate, activity)
+            self._consider_start(candidate, activity)
         elif work.phase is WorkPhase.RUNNING:
-            self._go_on(candidate, activity)
+            self._consider_running(candidate, activity)
         elif work.phase is WorkPhase.DONE:
-            if objection := self.before.clash(state, (), activity.makes):
+            if objection := self.earlier.clash(state, (), activity.makes):
                 self.decision.stops.append(objection)
             else:
-                self.unsettled -= activity.makes.keys()
+                self.uncertain -= activity.makes.keys()
         elif work.phase is WorkPhase.FAILED:
             self.decision.refused.append(Objection(state, Reason.FAILED))
         else:
             self.decision.refused.append(Objection(state, Reason.CONFLICT, other=state))
 
-    def _begin(self, candidate: Candidate, activity: Activity) -> None:
+    def _consider_start(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=False) or self._objection_to_start(
             state, activity
@@ -243,14 +240,14 @@ class _Deciding:
         share = self._allotted_share(candidate, activity, objection, self.decision.refused)
         if not share:
             return
-        if agent := self.held.full(activity.tasks):  # what runs there has to end first
+        if agent := self.held.full(activity.tasks):  # the work that runs there must end first
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
-        self.held.take(activity.tasks)
+        self.held.occupy(activity.tasks)
         self.running.add(state, activity.needs, activity.makes)
         self.decision.shares[state] = share
 
-    def _go_on(self, candidate: Candidate, activity: Activity) -> None:
+    def _consider_running(self, candidate: Candidate, activity: Activity) -> None:
         objection = self._objection(candidate.state, activity, is_running=True)
         share = self._allotted_share(candidate, activity, objection, self.decision.stops)
         if share and share != candidate.share:
@@ -263,8 +260,9 @@ class _Deciding:
         objection: Objection | None,
         objections: list[Objection],
     ) -> float:
-        """The share of full speed that the policy wants, with places at the agents; or 0, with an
-        objection more.
+        """The share of full speed that the policy wants, with reserved places at its agents.
+
+        0 if it may not run; then *objections* gets the reason.
         """
         share = 0.0 if objection else self._share(candidate, activity)
         if isnan(share):
@@ -276,49 +274,54 @@ class _Deciding:
         if objection:
             objections.append(objection)
             return 0.0
-        self.allotted.take(activity.tasks)
+        self.allotted.occupy(activity.tasks)
         return share
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
         if isnan(candidate.cost):
             return nan
-        share = self._valued(nan, activity, lambda: checked_share(self.policy.share(candidate)))
+        share = self._evaluate(nan, activity, lambda: checked_share(self.policy.share(candidate)))
         return share if activity.adapt is not None or share == 1 or isnan(share) else 0.0
 
-    def _valued(self, otherwise: float, activity: Activity, function: Callable[[], float]) -> float:
-        return self.mistakes.otherwise(otherwise, f"{activity!r} does not run early", function)
+    def _evaluate(
+        self, otherwise: float, activity: Activity, function: Callable[[], float]
+    ) -> float:
+        return self.mistakes.value_or(otherwise, f"{activity!r} does not run early", function)
 
     # --- objections -------------------------------------------------------------------------------
 
     def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
-        """What speaks against an activity that is to run now. One that runs may have changed what
-        it needed.
+        """The reason why an activity must not run now, if any.
+
+        Running work may itself have changed the variables that it needed at its start.
         """
         for variable, value in activity.needs.items():
-            is_settled = (
-                variable not in self.unsettled and self.present.facts.get(variable) == value
+            is_certain = (
+                variable not in self.uncertain and self.present.facts.get(variable) == value
             )
-            if not is_settled and not (is_running and variable in activity.makes):
+            if not is_certain and not (is_running and variable in activity.makes):
                 return Objection(state, Reason.NEEDS, variable)
-        return self.before.clash(state, activity.needs, activity.makes)
+        return self.earlier.clash(state, activity.needs, activity.makes)
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
-        """What speaks against an activity that does not run yet."""
+        """The reason why an activity must not start now, if any."""
         if clash := self.running.clash(state, activity.needs, activity.makes):
             return clash
         if not activity.undo and (variable := harmed(activity, self.needed)):
             return Objection(state, Reason.BRANCH, variable, self.needed[variable])
         variable = next(
-            (variable for variable in activity.makes if variable in self.unsettled), None
+            (variable for variable in activity.makes if variable in self.uncertain), None
         )
-        spoilt = self.unsettled & self.needed.keys()
-        if variable and spoilt:  # what undoes that work would take this result with it
+        spoilt = self.uncertain & self.needed.keys()
+        if variable and spoilt:  # undoing the spoilt work would undo this result, too
             return Objection(state, Reason.BRANCH, variable, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
-        """What is done stays while the current state does, and nothing that runs needs or makes the
-        same variable.
+        """The reason to stop work that is not foreseen any more, if any.
+
+        Work that is done stays until the next transition, unless a running activity needs or
+        changes its variables.
         """
         if work.phase is not WorkPhase.DONE or self.present.is_new:
             return Objection(work.state, Reason.NOT_FORESEEN)

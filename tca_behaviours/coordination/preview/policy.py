@@ -1,6 +1,4 @@
-"""Whether it is worth while to start an activity before its turn, and how fast: utilities, and
-policies.
-"""
+"""Utilities and policies: whether an activity should start early, and how fast it should run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,40 +11,43 @@ from tca_module.checks import FUNCTION, check, number
 
 @dataclass(frozen=True)
 class Candidate:
-    """An activity that may run ahead, as a policy sees it."""
+    """An activity that may run early, as a policy sees it."""
 
     state: int
     index: int
     """Its place in the preview list: 1 for the state that follows the current one."""
     likelihood: float
-    """Of the arrow that leads to its state."""
+    """The likelihood of the arrow that leads to its state."""
     probability: float
-    """Of the whole path that leads there."""
+    """The probability of the whole path to its state."""
     progress_before: float
-    """Of the activity before it, in [0, 1]: 0 before that begins and in a wait for an event, 1 once
-    it runs if its tasks can report no progress.
+    """The progress of the activity before it, in [0, 1].
+
+    0 before that begins, and in a wait for an event. 1 once it runs if it can't report progress.
     """
     cost: float
-    """Of doing it in vain."""
+    """The cost of doing it in vain."""
     undo_cost: float = 0.0
-    """Of undoing it: as much as its cost if a branch may need that, otherwise 0."""
+    """The cost of undoing it: equal to ``cost`` if a branch may need that, otherwise 0."""
     progress: float = 0.0
-    """Its own."""
+    """Its own progress, in [0, 1]."""
     share: float = 0.0
-    """Of full speed, with which it runs ahead now; 0: it does not run."""
+    """The share of full speed at which it runs early now; 0: it does not run."""
     progress_of_current: float = 0.0
-    """Of the activity of the current state, in [0, 1]; 1 where its tasks can report none."""
+    """The progress of the current activity, in [0, 1]; 1 if its tasks can report none."""
     state_before: int = -1
     """The state whose activity comes before it."""
 
 
 Utility = Callable[[Candidate], float]
-"""What an activity ahead is worth."""
+"""The value of running an activity early."""
 
 
 def expected_gain(candidate: Candidate) -> float:
-    """With the probability p of its path, the progress b of the activity before, its own progress
-    x, its cost C and that of undoing it D: ``p * b - (1 - p) * (1 - x) * (C + D)``.
+    """The expected gain of an activity that runs early: ``p * b - (1 - p) * (1 - x) * (C + D)``.
+
+    p is the probability of its path, b the progress of the activity before, x its own progress. C
+    is its cost, and D the cost of undoing it.
     """
     gain = candidate.probability * candidate.progress_before
     loss = (
@@ -67,23 +68,27 @@ _SHARE = number("a number in [0, 1]", 0, 1)
 
 
 class Policy:
-    """How the utility of an activity becomes a share of full speed. Base class: give ``wanted``."""
+    """Converts the utility of an activity to a share of full speed. A subclass defines ``wanted``.
+
+    Args:
+        utility: A function of the Candidate; default ``expected_gain``.
+    """
 
     def __init__(self, utility: Utility = expected_gain) -> None:
         check(type(self).__name__, FUNCTION, utility=utility)
         self.utility = utility
 
     def wanted(self, utility: float) -> float:
-        """The share in [0, 1] for this utility, which grows with it; 0: the activity does not run
-        ahead.
+        """The share in [0, 1] for a utility; it must not fall as the utility grows. 0: do not run
+        early.
         """
         raise NotImplementedError
 
     def share(self, candidate: Candidate) -> float:
         """The share of full speed for an activity.
 
-        Progress of the activity before says when to begin. It is not asked again: an activity that
-        runs goes on as it does until its path has become too unlikely.
+        The progress of the activity before only decides when it starts. A running activity is not
+        slowed down by it: it keeps its speed until its path has become too unlikely.
         """
         share = self.wanted(self.utility(candidate))
         if not candidate.share:
@@ -93,7 +98,12 @@ class Policy:
 
 
 class Discrete(Policy):
-    """At full speed if the utility is *threshold* or more, otherwise not at all."""
+    """Full speed if the utility is *threshold* or more, otherwise not at all.
+
+    Args:
+        threshold: The least utility; default 0.5.
+        utility: A function of the Candidate; default ``expected_gain``.
+    """
 
     def __init__(self, threshold: float = 0.5, utility: Utility = expected_gain) -> None:
         super().__init__(utility)
@@ -106,9 +116,15 @@ class Discrete(Policy):
 
 
 class Continuous(Policy):
-    """The share grows evenly from 0 at the utility *from_* to 1 at *to*, in steps of a tenth, so
-    that a task does not get a new speed at each report. An activity without ``adapt`` runs at full
-    speed or not at all.
+    """A share that grows linearly with the utility, from 0 at *from_* to 1 at *to*.
+
+    It changes in steps of a tenth, so that a task does not get a new speed at each report. An
+    activity without ``adapt`` runs at full speed or not at all.
+
+    Args:
+        from_: The utility of share 0; default 0.2.
+        to: The utility of share 1; default 0.8.
+        utility: A function of the Candidate; default ``expected_gain``.
     """
 
     def __init__(
@@ -128,6 +144,6 @@ class Continuous(Policy):
 
 
 def checked_share(share: float) -> float:
-    """What a policy has said. Raises MisuseError if that is no share."""
+    """The share that a policy returned. Raises MisuseError unless it is a number in [0, 1]."""
     check("a policy", _SHARE, share=share)
     return share

@@ -1,8 +1,8 @@
 """The preview list: the most probable path from a state to the next steady one.
 
-All paths are followed at once, the most probable first. So the path that reaches a steady state
-first is the most probable of all, and where one arrow of each state is likely, hardly anything
-beside the path is looked at.
+The search extends the most probable path first (Dijkstra), so the first path that reaches a steady
+state is the most probable of all. If each state has one likely arrow, it visits hardly any other
+state.
 """
 
 from collections.abc import Iterator
@@ -21,11 +21,16 @@ _BELOW_1 = checks.number("0 or more, and less than 1", 0, nextafter(1, 0))
 
 @dataclass(frozen=True)
 class PreviewLimits:
-    """Where a preview ends.
+    """The limits of a preview.
 
-    A state is *steady* if the probability that the machine stays in it, 1 minus the sum of its
-    likelihoods, is *final* or more, or if none of its likelihoods is more than *transition*.
-    *horizon*: the longest list; None for no limit.
+    A *steady* state ends a preview: the machine probably stays in it. A state is steady if 1 minus
+    the sum of its likelihoods is *final* or more, or if none of its likelihoods exceeds
+    *transition*.
+
+    Args:
+        final: The least probability of staying in a steady state; default 0.5.
+        transition: The greatest likelihood of an arrow out of a steady state; default 0.
+        horizon: The most states of a preview; None: without limit.
     """
 
     final: float = 0.5
@@ -49,8 +54,8 @@ _NO_LIMITS = PreviewLimits()
 class _Path:
     """A path to a state: the arrow that enters it last, and the path before that.
 
-    The probability of a path of thousands of states is less than the least float; so it is kept as
-    two numbers.
+    The probability of a path of thousands of states is below the least float, so it is stored as a
+    mantissa and an exponent.
     """
 
     __slots__ = ("arrow", "before", "exponent", "length", "likelihood", "mantissa", "state")
@@ -60,7 +65,7 @@ class _Path:
     ) -> None:
         self.state = state
         self.before = before
-        self.arrow = arrow  # its place among those of the state before
+        self.arrow = arrow  # the place of the arrow in the state before
         self.likelihood = likelihood
         self.length: int = before.length + 1 if before else 0
         mantissa, exponent = frexp(likelihood * before.mantissa if before else 1.0)
@@ -69,12 +74,12 @@ class _Path:
 
     @property
     def probability(self) -> float:
-        """0 if it is less than the least float."""
+        """The probability; 0 if it is below the least float."""
         return ldexp(self.mantissa, self.exponent)
 
     def __lt__(self, other: "_Path") -> bool:
-        """Whether it comes first: more probable; then shorter; then by the order in which arrows
-        are written.
+        """Whether this path comes first: more probable, else shorter, else by the order of its
+        arrows.
         """
         if self.exponent != other.exponent:
             return self.exponent > other.exponent
@@ -100,22 +105,29 @@ class _Path:
 def most_likely(
     automaton: Automaton, state: int, limits: PreviewLimits = _NO_LIMITS
 ) -> list[Foreseen]:
-    """The most probable path from a state to the first steady one on it, which is included; empty
-    if the state itself is steady. A path of *horizon* states ends there too. Of paths that are
-    equally probable, the one with fewer states; then the one whose arrows are written first.
+    """The most probable path from a state to the first steady state on it, which is included.
 
-    Where no steady state can be reached, the likeliest arrow of each state, until a state comes
-    again.
+    It is empty if the state itself is steady. A path of *horizon* states ends there. Among equally
+    probable paths, the shortest comes first, then the one whose arrows are written first. If no
+    steady state can be reached, it follows the likeliest arrow of each state until a state repeats.
+
+    Args:
+        automaton: The machine in its present situation.
+        state: The current leaf.
+        limits: The limits of the preview.
+
+    Returns:
+        The foreseen states, the next one first.
     """
     queue = [_Path(state)]
-    looked_at: set[tuple[int, int]] = set()
+    visited: set[tuple[int, int]] = set()
     while queue:
         path = heappop(queue)
-        # Within a horizon, a longer way to a state may be the one that is cut in time.
+        # With a horizon the length of a path matters, too: the longer path ends sooner.
         place = (path.state, path.length if limits.horizon else 0)
-        if place in looked_at:
+        if place in visited:
             continue
-        looked_at.add(place)
+        visited.add(place)
         if path.length == limits.horizon or limits.is_steady(automaton, path.state):
             return path.foreseen()
         for number, arrow in enumerate(automaton.arcs(path.state)):

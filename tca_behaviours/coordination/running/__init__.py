@@ -1,1 +1,1 @@
-"""The coordinator: a machine with a preview, as a task."""
+"""The coordinator: runs a machine with a preview, as a task."""

@@ -11,7 +11,7 @@ from tca_behaviours.coordination.preview.branches import needed_later
 from tca_behaviours.coordination.preview.decide import LookAhead
 from tca_behaviours.coordination.preview.policy import Policy
 from tca_behaviours.coordination.preview.walk import PreviewLimits
-from tca_behaviours.coordination.running.failures import FailureNotes
+from tca_behaviours.coordination.running.failures import RecordedFailures
 from tca_behaviours.coordination.running.messages import (
     COORDINATION_EVENT,
     CoordinationEnd,
@@ -30,10 +30,12 @@ _POLICY_OR_NONE = instance_of("a Policy such as Discrete(0.5)", Policy).or_none(
 
 
 class Coordinator:
-    """Runs a machine, with the tasks of its activities as commands under its own, and those of
-    likely states ahead.
+    """Runs a coordination machine, as a task of a module.
 
-    ::
+    It sends the tasks of the current activity, and those of likely later states early. All of them
+    hang below its own task.
+
+    Example::
 
         coordinator = Coordinator(deliver, policy=Discrete(threshold=0.5))
         module = Module("coordinator")
@@ -50,9 +52,14 @@ class Coordinator:
         limits: PreviewLimits | None = None,
         patience: float = _PATIENCE,
     ) -> None:
-        """*policy*: when activities start ahead of their states; None: never, without a preview.
-        *limits*: where a preview ends. *patience*: seconds after which a task is killed that was
-        asked to end and has not.
+        """Create a coordinator; ``handle_in`` gives it a module.
+
+        Args:
+            machine: The machine.
+            policy: Decides which activities start early; None: none does, there is no preview.
+            limits: Where a preview ends; by default ``PreviewLimits()``.
+            patience: Seconds that a task may take to end after a request; then it is killed.
+                Default 5.
         """
         check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
         check("Coordinator", _POLICY_OR_NONE, policy=policy)
@@ -62,7 +69,7 @@ class Coordinator:
         check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
-        """The machine as data: those of its command."""
+        """The machine as data, which are the data of its command."""
         self.message = Command(
             f"coordinate {machine.name}",
             MachineChart,
@@ -77,58 +84,84 @@ class Coordinator:
                 policy, limits or PreviewLimits(), needed, Mistakes(self._warn)
             )
         self._patience = patience
-        self._failures = FailureNotes(self.message.name)
+        self._failures = RecordedFailures(self.message.name)
         self._interpreter: Interpreter | None = None
-        """Of one run after the other; None if another program handles them."""
+        """All runs use it, one at a time; None if another program handles them."""
         self._home = ""
-        """The module that handles them."""
+        """The name of the module that handles the runs."""
         self._run: CoordinationRun | None = None
-        self._unheard: list[tuple[TaskId, str]] = []
-        """Events for a run, by its task, whose handler has not begun."""
-        self._coming = Lock()
+        self._early_events: list[tuple[TaskId, str]] = []
+        """Events that came before the handler of their run, with the run's task."""
+        self._run_lock = Lock()
 
     def __repr__(self) -> str:
         return f"the coordinator of {self.machine!r}"
 
     def handle_in(self, module: Module) -> None:
-        """Have a module run the machine, one run at a time. It watches the machine's variables,
-        too; so a module has one coordinator.
+        """Let a module run the machine, one run at a time.
+
+        The module also watches the machine's variables. Call it before the module runs.
+
+        Args:
+            module: The module; it can have only one coordinator.
+
+        Raises:
+            MisuseError: The module has a coordinator already.
         """
-        news = f"news of {self.machine.name}"
+        inputs = f"inputs of {self.machine.name}"
         self._interpreter, self._home = self.machine.interpreter(), module.name
-        declare = module.handles(COORDINATION_EVENT, resource=news)
+        declare = module.handles(COORDINATION_EVENT, resource=inputs)
         try:
-            declare(self._note_event)
+            declare(self._on_event)
         except MisuseError:
             raise MisuseError(
-                f"module '{module.name}' has a coordinator already: handle {self.machine!r} in another one"
+                f"module '{module.name}' has a coordinator already: "
+                f"handle {self.machine!r} in another module"
             ) from None
         module.handles(self.message, resource=self.message.name, refuses=["update"])(
             self._coordinate
         )
-        self._failures.handle_in(module, self.message, news)
+        self._failures.handle_in(module, self.message, inputs)
         for variable in self.machine.variables:
-            self._watch(module, variable, news)
+            self._watch(module, variable, inputs)
 
     def run(self, sender: Sender) -> CoordinationEnd:
-        """Run the machine, and wait for its end; a run that is not waited for any more is killed.
-        Raises TaskFailed, TaskKilled.
+        """Run the machine and wait for its end.
+
+        If the wait is interrupted, the run is killed.
+
+        Args:
+            sender: The module, or a task below which the run shall hang.
+
+        Returns:
+            The final state, and counts of transitions and early work.
+
+        Raises:
+            TaskFailed: The run failed: an activity failed and its state has no arrow for "failed".
+            TaskKilled: The run was killed.
         """
         run = sender.command(self.message, self.chart, sequential=False)
         try:
             return run.result()
         except BaseException:
             with suppress(TcaError):
-                run.kill("it is not waited for any more")
+                run.kill("its sender does not wait any longer")
             raise
 
     def post(self, event: str) -> None:
-        """Tell the machine of an event; from any thread of the process in which it runs. A machine
-        that does not run, or has no arrow for the event in its current state, does nothing.
+        """Send an event to the machine. From any thread of the process in which it runs.
+
+        If no run is under way, or its current state has no arrow for the event, nothing happens.
+
+        Args:
+            event: The name of the event.
+
+        Raises:
+            MisuseError: The machine has no arrow for such an event.
         """
         check_known(f"{self.machine!r} has no event", event, sorted(self.machine.events))
         if (run := self._run) is not None:
-            run.note_event(event)
+            run.enqueue_event(event)
 
     def _warn(self, text: str) -> None:
         log_of(self._home).warning("%s", text)
@@ -138,39 +171,38 @@ class Coordinator:
     def _coordinate(self, task: Task, chart: MachineChart) -> CoordinationEnd:
         if chart != self.chart:
             raise task.rejected(
-                f"{self.machine!r} has another structure here: start the program anew that sends it"
+                f"{self.machine!r} has another structure here: restart the program that sends it"
             )
         assert self._interpreter is not None
         self._interpreter.restart()
         run = CoordinationRun(
             self.machine, self._interpreter, self._look_ahead, task, self._failures, self._patience
         )
-        with self._coming:
+        with self._run_lock:
             self._run = run
-            for of, event in self._unheard:
-                if of == task.id:
-                    run.note_event(event)
-            self._unheard.clear()
+            for run_id, event in self._early_events:
+                if run_id == task.id:
+                    run.enqueue_event(event)
+            self._early_events.clear()
         try:
             return run.until_end()
         finally:
             self._run = None
 
-    def _note_event(self, task: Task, told: MachineEvent) -> None:
-        if (
-            told.machine != self.machine.name or told.event not in self.machine.events
-        ):  # nobody else says "done"
+    def _on_event(self, task: Task, event: MachineEvent) -> None:
+        # "done" and "failed" are not among the events: only the machine's own tasks cause them.
+        if event.machine != self.machine.name or event.event not in self.machine.events:
             return
-        coming = self._given_run(task) if self._run is None else None
-        with self._coming:
+        assigned = self._assigned_run(task) if self._run is None else None
+        with self._run_lock:
             if self._run is not None:
-                self._run.note_event(told.event)
-            elif coming is not None:
-                self._unheard.append((coming, told.event))
+                self._run.enqueue_event(event.event)
+            elif assigned is not None:
+                self._early_events.append((assigned, event.event))
 
-    def _given_run(self, task: Task) -> TaskId | None:
-        """The run that central has given to this module, if there is one: its handler may be about
-        to begin.
+    def _assigned_run(self, task: Task) -> TaskId | None:
+        """The run that central has assigned to this module, if any: its handler may be about to
+        start.
         """
         for run in task.tasks(self.message):
             info = run.info()
@@ -179,8 +211,8 @@ class Coordinator:
         return None
 
     def _watch(self, module: Module, variable: Variable[Any], resource: str) -> None:
-        def note(_: Task, value: Any) -> None:
+        def on_value(_: Task, value: Any) -> None:
             if (run := self._run) is not None:
-                run.note_variable(variable.name, value)
+                run.enqueue_variable(variable.name, value)
 
-        module.handles(variable, resource=resource)(note)
+        module.handles(variable, resource=resource)(on_value)

@@ -1,4 +1,4 @@
-"""The messages of a coordinator, beside the command that it is."""
+"""The messages of a coordinator, except its command."""
 
 import msgspec
 
@@ -6,37 +6,31 @@ from tca_module import Broadcast, Failure
 
 
 class MachineEvent(msgspec.Struct, frozen=True):
-    """Something has happened that a machine has arrows for."""
+    """An event for a machine."""
 
     machine: str
     event: str
 
 
 COORDINATION_EVENT = Broadcast("coordination event", MachineEvent)
-"""Tells coordinators of an event. A machine whose current state has no arrow for it does
-nothing.
-"""
+"""Sends an event to coordinators. A machine whose current state has no arrow for it ignores it."""
 
 
 class CoordinationEnd(msgspec.Struct, frozen=True):
     """The result of a coordinator."""
 
     state: str
-    """The final state that its machine has reached."""
+    """The final state that the machine has reached."""
     transitions: int
-    """The number of those that it has taken."""
+    """The number of transitions that it has taken."""
     kept: int
-    """Tasks that were sent ahead, and whose state was entered then."""
+    """The number of tasks that were sent early and kept, because their state was entered."""
     wasted: int
-    """Tasks that were sent ahead in vain."""
+    """The number of tasks that were sent early and wasted."""
 
 
 ACTIVITY_STOPPED = Failure("activity stopped")
-"""A task of the current activity was killed by somebody, and its state has no arrow for
-"failed".
-"""
+"""A task of the current activity was killed, and its state has no arrow for "failed"."""
 
 NEEDS_NOT_MET = Failure("needs not met")
-"""A fact that an activity needs does not hold when its state is entered, and the state has no arrow
-for "failed".
-"""
+"""An entered state's activity needs a fact that does not hold, and has no arrow for "failed"."""

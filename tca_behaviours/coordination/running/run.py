@@ -1,7 +1,7 @@
-"""One run of a machine: it hears of tasks, variables and events, and starts and stops activities.
+"""One run of a machine: it receives changes and events, and starts and stops activities.
 
-All happens in the thread that handles the coordinator's task. It waits for whatever comes first;
-then the machine goes on as far as it can, and looks ahead anew.
+All of it runs in the thread that handles the coordinator's task. The thread waits for the next
+event. Then the machine advances as far as it can, and a new preview is computed.
 """
 
 from collections import deque
@@ -17,7 +17,7 @@ from tca_behaviours.coordination.model.situation import Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED
 from tca_behaviours.coordination.preview.decide import Decision, LookAhead
 from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtWork
-from tca_behaviours.coordination.running.failures import FailureNotes
+from tca_behaviours.coordination.running.failures import RecordedFailures
 from tca_behaviours.coordination.running.messages import (
     ACTIVITY_STOPPED,
     NEEDS_NOT_MET,
@@ -25,11 +25,11 @@ from tca_behaviours.coordination.running.messages import (
 )
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen
-from tca_wire.text.early_work import came_late, why_not_early, why_stopped
+from tca_wire.text.early_work import late_objections, why_not_early, why_stopped
 
 
 class CoordinationRun:
-    """A machine at work, as a task."""
+    """A running machine, as a task."""
 
     def __init__(
         self,
@@ -37,62 +37,60 @@ class CoordinationRun:
         interpreter: Interpreter,
         look_ahead: LookAhead | None,
         task: Task,
-        failures: FailureNotes,
+        failures: RecordedFailures,
         patience: float,
     ) -> None:
-        """*interpreter*: the machine's, in its first state."""
+        """*interpreter* is that of the machine, in its first state."""
         self._machine = machine
         self._look_ahead = look_ahead
         self._task = task
         self._interpreter = interpreter
-        self._heard = deque[Callable[[], object]]()
+        self._inbox = deque[Callable[[], object]]()
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
         self._mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
         self._work = ActivitiesAtWork(
-            machine.facts, task, failures, patience, self._heard.append, self._mistakes
+            machine.facts, task, failures, patience, self._inbox.append, self._mistakes
         )
         self._unmet = ""
-        """Why the current activity can't begin, in words; "" if it can."""
-        self._failed_at_once = set[int]()
-        """States that could not begin, since something was heard last: coming back to one goes
-        round for ever.
+        """Why the current activity can't start; "" if it can."""
+        self._failed_since_event = set[int]()
+        """The states whose activity could not start, since the last event arrived.
+
+        A second entry of one of them would be an endless cycle.
         """
         self._is_entered = False
-        """Its activity has begun or waits to begin, if it has one."""
+        """Whether the activity of the current state, if any, has started or waits to start."""
         self._taken: list[TakenArrow] = []
-        """Transitions of which nobody has been told."""
-        self._told: CoordinationReport | None = None
+        """The transitions since the last report."""
+        self._last_report: CoordinationReport | None = None
         self._transitions = 0
 
-    # --- what happens -----------------------------------------------------------------------------
+    # --- input ------------------------------------------------------------------------------------
 
-    def note_event(self, event: str) -> None:
-        """An event has happened. From any thread."""
-        self._hear(lambda: self._events.append(event))
+    def enqueue_event(self, event: str) -> None:
+        """Enqueue an event. From any thread."""
+        self._enqueue(lambda: self._events.append(event))
 
-    def note_variable(self, name: str, value: Any) -> None:
-        """A variable has a new value. From any thread."""
-        self._hear(lambda: self._variables.update({name: value}))
+    def enqueue_variable(self, name: str, value: Any) -> None:
+        """Enqueue a new value of a variable. From any thread."""
+        self._enqueue(lambda: self._variables.update({name: value}))
 
-    def _hear(self, happening: Callable[[], object]) -> None:
-        self._heard.append(happening)
+    def _enqueue(self, change: Callable[[], object]) -> None:
+        self._inbox.append(change)
         self._task.wake()
 
     def until_end(self) -> CoordinationEnd:
-        """Run the machine until it has ended. Nothing that it has started runs on, whatever
-        happens.
-        """
+        """Run the machine to its end. No task that it has started outlives it."""
         try:
             for variable in self._machine.variables:
                 self._variables[variable.name] = self._task.get_variable(variable, None)
             while not self._is_over():
-                self._go_on()
+                self._advance()
                 self._wait()
         except BaseException:
-            with suppress(
-                TcaError
-            ):  # without central there is nothing to stop, and it ends them itself
+            # Without central no task can be killed; central kills them when the module is lost.
+            with suppress(TcaError):
                 self._work.kill_all(f"{self._machine!r} has ended")
             raise
         return CoordinationEnd(
@@ -100,25 +98,25 @@ class CoordinationRun:
         )
 
     def _is_over(self) -> bool:
-        return self._interpreter.is_ended and self._told is not None and self._work.is_over
+        return self._interpreter.is_ended and self._last_report is not None and self._work.is_over
 
     def _wait(self) -> None:
-        """Wait until something has happened; and take it in."""
+        """Wait for the next event, and process all that have arrived."""
         if not self._is_over():
             due = self._work.kill_due
             timeout = None if due is None else max(0.0, due - self._task.time())
-            self._task.wait_until(lambda: bool(self._heard), timeout, on=self._work.living)
-        self._failed_at_once.clear()
-        while self._heard:
-            self._heard.popleft()()
+            self._task.wait_until(lambda: bool(self._inbox), timeout, on=self._work.running_tasks)
+        self._failed_since_event.clear()
+        while self._inbox:
+            self._inbox.popleft()()
         self._work.kill_late()
 
-    # --- what comes of it -------------------------------------------------------------------------
+    # --- transitions and activities ---------------------------------------------------------------
 
-    def _go_on(self) -> None:
-        """Let the machine go on as far as it can; then look ahead."""
+    def _advance(self) -> None:
+        """Advance the machine as far as it can; then look ahead."""
         while True:
-            while self._move():
+            while self._try_transition():
                 pass
             decision = self._decide()
             for stop in decision.stops:
@@ -147,8 +145,9 @@ class CoordinationRun:
         )
 
     def _begin_current(self) -> None:
-        """Start the activity of the current state, if it has one and nothing is in its way any
-        more; at the end, what undoes early work.
+        """Start the activity of the current state, if it has one that need not wait.
+
+        After the end of the machine, undo wasted work instead.
         """
         if self._interpreter.is_ended:
             self._work.restore()
@@ -158,9 +157,8 @@ class CoordinationRun:
         self._is_entered = True
 
     def _begin_ahead(self, decision: Decision) -> None:
-        for state, rank in {
-            one.state: rank for rank, one in enumerate(decision.preview, 1)
-        }.items():
+        ranks = {foreseen.state: rank for rank, foreseen in enumerate(decision.preview, 1)}
+        for state, rank in ranks.items():
             work, activity = self._work.ahead(state), self._machine.states[state].activity
             share = decision.shares.get(state, work.share if work is not None else 0.0)
             if (
@@ -169,9 +167,9 @@ class CoordinationRun:
                 or (work is not None and (share, rank) == (work.share, work.rank))
             ):
                 continue
-            otherwise = "does not run early" if work is None else "runs on as it does"
-            make = partial(activity.data_at, share, rank)
-            data = self._mistakes.otherwise(None, f"{activity!r} {otherwise}", make)
+            consequence = "does not run early" if work is None else "keeps its speed"
+            make_data = partial(activity.data_at, share, rank)
+            data = self._mistakes.value_or(None, f"{activity!r} {consequence}", make_data)
             if data is None:
                 continue
             if work is None:
@@ -180,27 +178,28 @@ class CoordinationRun:
                 work.share, work.rank, work.data = share, rank, data
         self._work.adapt_speeds()
 
-    def _move(self) -> bool:
-        """Take one transition, if there is one; whether there was. What a state does is tried
-        before it is left.
+    def _try_transition(self) -> bool:
+        """Take one transition, if possible. Returns whether one was taken.
+
+        A state is left only after its activity was started, or could not start.
         """
         if not self._is_entered:
             return False
         current = self._work.current
         if self._unmet:
-            is_round = self._interpreter.current in self._failed_at_once
-            self._failed_at_once.add(self._interpreter.current)
-            return (not is_round and self._take(FAILED)) or self._fail()
+            is_cycle = self._interpreter.current in self._failed_since_event
+            self._failed_since_event.add(self._interpreter.current)
+            return (not is_cycle and self._take_arrow(FAILED)) or self._fail()
         if current is not None and current.failed_task is not None:
-            return self._take(FAILED) or self._fail()
-        if current is not None and current.is_done and self._take(DONE):
+            return self._take_arrow(FAILED) or self._fail()
+        if current is not None and current.is_done and self._take_arrow(DONE):
             return True
         while self._events:
-            if self._take(self._events.popleft()):
+            if self._take_arrow(self._events.popleft()):
                 return True
         return False
 
-    def _take(self, event: str) -> bool:
+    def _take_arrow(self, event: str) -> bool:
         taken = self._interpreter.take(event, self._situation())
         if not taken:
             return False
@@ -212,7 +211,7 @@ class CoordinationRun:
         return True
 
     def _fail(self) -> bool:
-        """The current activity has failed, and the machine has no arrow for that."""
+        """Fail the run: the current activity has failed, and the machine has no arrow for that."""
         label = self._interpreter.state.label
         if self._unmet:
             raise NEEDS_NOT_MET(text=f"'{label}' can't begin: {self._unmet}")
@@ -223,35 +222,40 @@ class CoordinationRun:
             raise failed.failure.error_of(failed.sent)
         raise ACTIVITY_STOPPED(text=f"'{label}': {failed.sent} was killed: {failed.killed}")
 
-    # --- what is told -----------------------------------------------------------------------------
+    # --- reports ----------------------------------------------------------------------------------
 
     def _report(self, decision: Decision) -> None:
-        news, told = self._work.role_changes(), self._told
+        role_changes, last_report = self._work.role_changes(), self._last_report
         for arrow in self._taken[:-1]:
-            passed = told.refused if told is not None else []
+            refused = last_report.refused if last_report is not None else []
             self._task.report(
-                CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=passed)
+                CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=refused)
             )
         last = self._taken[-1] if self._taken else TakenArrow(-1, "", -1)
         self._taken.clear()
-        preview = [_rounded(one) for one in decision.preview]
+        preview = [_rounded(foreseen) for foreseen in decision.preview]
         report = CoordinationReport(
-            self._interpreter.current, last.symbol, last.before, preview, news, decision.refused
+            self._interpreter.current,
+            last.symbol,
+            last.before,
+            preview,
+            role_changes,
+            decision.refused,
         )
         if (
             last.symbol
-            or news
-            or told is None
-            or (told.preview, told.refused) != (preview, decision.refused)
+            or role_changes
+            or last_report is None
+            or (last_report.preview, last_report.refused) != (preview, decision.refused)
         ):
             self._task.report(report)
-            self._told = report
-        for objection in came_late(told, report) if told is not None else ():
+            self._last_report = report
+        for objection in late_objections(last_report, report) if last_report is not None else ():
             why = why_not_early(self._machine.chart, objection)
             if why.remedy:
-                self._mistakes.tell(*why)
+                self._mistakes.report(*why)
 
 
 def _rounded(foreseen: Foreseen) -> Foreseen:
-    """Likelihoods that change all the time are no news at each change."""
+    """Round the probabilities, so that tiny changes cause no new report."""
     return Foreseen(foreseen.state, round(foreseen.likelihood, 3), round(foreseen.probability, 3))

@@ -1,4 +1,4 @@
-"""An activity that was started: its tasks, how far they are, and what they are to the machine."""
+"""A started activity: its tasks, their progress, and their role in the machine."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,52 +7,55 @@ from typing import Any
 from tca_behaviours.coordination.model.activities import Activity, Do
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact
-from tca_behaviours.coordination.running.failures import FailureNotes, NotedFailure
+from tca_behaviours.coordination.running.failures import RecordedFailure, RecordedFailures
 from tca_module import Change, Command, MisuseError, Refused, SentTask, Task
 from tca_wire.coordination import RoleChange, TaskRole
 
-Heard = Callable[["ActivityTask", Change], object]
-"""Is called with each change of a task."""
+OnChange = Callable[["ActivityTask", Change], object]
+"""Called with each change of a task."""
 
 
 class ActivityTask:
-    """A task of an activity that was started."""
+    """A task of a started activity."""
 
     def __init__(
-        self, under: Task, do: Do, data: Any, activity: Activity, rank: int, heard: Heard
+        self, under: Task, do: Do, data: Any, activity: Activity, rank: int, on_change: OnChange
     ) -> None:
-        """*data*: its own, or what they are at another speed. *rank*: its place in the preview
+        """*data*: the task's own data, or those for another speed. *rank*: the place in the preview
         list, or 0.
         """
         self.do = do
         self.progress = 0.0
         self.has_begun = False
-        """A handler has got it."""
+        """Whether a handler has received it."""
         self.is_over = False
-        self.failure: NotedFailure | None = None
+        self.failure: RecordedFailure | None = None
         self.killed = ""
-        """By whom and why, in words; "" if it was not."""
+        """Why it was killed; "" if it was not."""
         self._activity = activity
         self._data = data
         send: Any = under.command if isinstance(do.message, Command) else under.goal
         self.sent: SentTask[Any] = send(do.message, data, sequential=False, priority=-rank)
-        self.sent.on_change(lambda change: heard(self, change))
+        self.sent.on_change(lambda change: on_change(self, change))
         self._reports = self.sent.progress() if do.has_progress else None
 
     @property
     def has_failed(self) -> bool:
-        """Whether it ended otherwise than done."""
+        """Whether it ended, and not as done."""
         return self.failure is not None or bool(self.killed)
 
-    def note(self, change: Change, failures: FailureNotes, mistakes: Mistakes) -> None:
-        """Its state has changed, or it has told of its progress. *mistakes*: takes what raises
-        where that is read.
+    def process_change(
+        self, change: Change, failures: RecordedFailures, mistakes: Mistakes
+    ) -> None:
+        """Process a change of its state or its progress.
+
+        *mistakes* receives the errors of the function that reads the progress.
         """
         if self._reports is not None:
-            what = f"the progress of {self._activity!r} stays as it was"
+            consequence = f"the progress of {self._activity!r} does not change"
             for report in self._reports.arrived():
                 read = partial(self._activity.progress, report)
-                self.progress = mistakes.otherwise(self.progress, what, read)
+                self.progress = mistakes.value_or(self.progress, consequence, read)
         if change.state != self.do.message.life_cycle.initial:
             is_killed = change.is_over and change.by == "central"
             self.has_begun |= (
@@ -61,19 +64,19 @@ class ActivityTask:
         if not change.is_over or self.is_over:
             return
         self.is_over, self.progress = True, 1.0
-        self.failure = failures.take(self.sent.id)
+        self.failure = failures.pop(self.sent.id)
         if change.state != self.do.message.life_cycle.done:
             self.killed = change.text or "its end was not seen"
 
     def update(self, data: Any) -> None:
-        """Have it run with other data. A handler that does not agree goes on as before."""
+        """Send new data to its handler. A handler that refuses them continues as before."""
         if self.is_over or data is self._data:
             return
         encode = self.do.message.encode_data
         try:
-            if encode(data) != encode(self._data):  # arrays have no equality that is true or false
+            if encode(data) != encode(self._data):  # == of arrays gives no bool: compare bytes
                 self.sent.update_send(data)
-        except Refused:  # not now: it has yet to begin, or to take over the speed before
+        except Refused:  # try again later: it has not begun, or is still applying the last update
             return
         self._data = data
 
@@ -83,14 +86,12 @@ class ActivityTask:
             return
         try:
             self.sent.cancel(why)
-        except MisuseError:  # its life cycle has no such transition
+        except MisuseError:  # its life cycle has no cancel
             self.sent.kill(why)
 
 
 class StartedActivity:
-    """An activity that was started: when its state was entered, ahead of that, or to undo what
-    another has changed.
-    """
+    """A started activity: the current one, early work, or one that undoes wasted work."""
 
     def __init__(
         self, state: int, activity: Activity, role: TaskRole, before: dict[str, Fact]
@@ -99,28 +100,26 @@ class StartedActivity:
         self.activity = activity
         self.role = role
         self.before = before
-        """What it changes, as it was."""
+        """The values of the facts that it makes, before it started."""
         self.spoilt = set[str]()
-        """The facts that it has changed in vain, and that have not been made anew or restored
-        since.
-        """
+        """The facts that it has changed in vain, and that no task has set or restored since."""
         self.share = 1.0
-        """Of its full speed."""
+        """The share of its full speed."""
         self.rank = 0
-        """Its place in the preview list; 0: its state is entered."""
+        """Its place in the preview list; 0 once its state is entered."""
         self.data = activity.data_at(self.share, self.rank)
-        """Of its tasks, for that share and rank."""
+        """The data of its tasks, for that share and rank."""
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
-        """It has been asked to end; at that moment it is killed."""
+        """If it was asked to end: when it is killed."""
         self.is_killed = False
         self.is_finished = False
-        """What it makes is known to hold."""
+        """Whether the facts that it makes are known to hold."""
 
-    def start(self, under: Task, heard: Heard) -> None:
+    def start(self, under: Task, on_change: OnChange) -> None:
         """Send its tasks."""
         self.tasks = [
-            ActivityTask(under, do, data, self.activity, self.rank, heard)
+            ActivityTask(under, do, data, self.activity, self.rank, on_change)
             for do, data in zip(self.activity.tasks, self.data, strict=True)
         ]
 
@@ -131,12 +130,12 @@ class StartedActivity:
 
     @property
     def has_begun(self) -> bool:
-        """Whether a handler has got any of its tasks."""
+        """Whether a handler has received any of its tasks."""
         return any(task.has_begun for task in self.tasks)
 
     @property
     def failed_task(self) -> ActivityTask | None:
-        """A task that ended otherwise than done."""
+        """A task that ended, and not as done."""
         return next((task for task in self.tasks if task.has_failed), None)
 
     @property
@@ -146,33 +145,33 @@ class StartedActivity:
 
     @property
     def progress(self) -> float:
-        """The least progress of those tasks that can report any."""
+        """The least progress of its tasks that can report progress."""
         return min(
             (task.progress for task in self.tasks if task.do.has_progress),
             default=float(self.is_over),
         )
 
     def update_tasks(self) -> None:
-        """Tell its tasks of their data, where these have changed."""
+        """Send its tasks their data if these have changed."""
         for task, data in zip(self.tasks, self.data, strict=True):
             task.update(data)
 
     def request_end(self, why: str, kill_at: float) -> None:
-        """Ask for the end of its tasks; those that go on are killed at that moment."""
+        """Ask its tasks to end. Tasks that have not ended at *kill_at* are killed."""
         if self.kill_at is None and not self.is_over:
             self.kill_at = kill_at
             for task in self.tasks:
                 task.request_end(why)
 
     def kill(self, why: str) -> None:
-        """End its tasks, whatever their handlers say."""
+        """Kill its tasks."""
         self.is_killed = True
         for task in self.tasks:
             if not task.is_over:
                 task.sent.kill(why)
 
     def roles(self) -> list[RoleChange]:
-        """What its tasks are to the machine, from now on."""
+        """The present roles of its tasks in the machine."""
         return [
             RoleChange(
                 task.sent.id,
@@ -184,9 +183,7 @@ class StartedActivity:
         ]
 
     def conflicts_with(self, activity: Activity) -> bool:
-        """Whether an activity may not begin before this one has ended: they share an agent or a
-        fact.
-        """
+        """Whether another activity must wait for its end: the two share an agent or a fact."""
         busy = {
             agent
             for task in self.tasks

@@ -1,5 +1,7 @@
-"""State machines of mission tasks, as they are written: ``with Sequence("patrol") as sm:
-sm.GoTo(goal_x=1.0)``.
+"""State machines of mission tasks, as they are written.
+
+with Sequence("patrol") as sm:
+    sm.GoTo(goal_x=1.0)
 """
 
 from collections.abc import Callable, Collection
@@ -21,12 +23,28 @@ _KINDS = {"any": StateKind.ANY, "all": StateKind.ALL}
 
 
 class StateMachine(BlockMachine[MachineState]):
-    """A state machine of tasks. Only transitions that are written lead from one state to another;
-    an ending without one ends the machine. Its states are written inside its ``with`` block, and
-    checked at the end of that.
+    """A state machine of tasks. It starts with its first state.
 
-    A state is made by the name of its task: ``sm.GoTo(goal_x=1.0)``, or with a label,
-        ``sm.GoTo("home", goal_x=1.0)``.
+    An ending of a state leads to the state that ``on`` names for it. An ending without a successor
+    ends the machine. States are written inside the machine's ``with`` block, and checked at its
+    end. A state is made by the name of its task, if needed with a label: ``sm.GoTo("home",
+    goal_x=1.0)``.
+
+    Args:
+        name: The name of the machine, in the tree and in pictures.
+
+    Raises:
+        UnsoundMachine: At the end of the block: the machine can't be run as it is written.
+
+    Example::
+
+        with StateMachine("patrol") as sm:
+            there = sm.GoTo("there", goal_x=9.0)
+            back = sm.GoTo("back", goal_x=1.0).on(completed=there)
+            there.on(completed=back)
+
+        with Mission("turtle") as mission:
+            sm.run(mission)
     """
 
     _kind: ClassVar[StateKind] = StateKind.MACHINE
@@ -40,12 +58,22 @@ class StateMachine(BlockMachine[MachineState]):
     # --- states -----------------------------------------------------------------------------------
 
     def task(self, task: str, label: str = "", /, **parameters: Any) -> MachineState:
-        """A state in which a task runs. It has the task's endings."""
+        """Add a state in which a task runs: ``sm.task("GoTo", goal_x=1.0)`` is
+        ``sm.GoTo(goal_x=1.0)``.
+
+        Args:
+            task: The name of the task.
+            label: The state's label; by default the task's name, with a number from the second on.
+            **parameters: The parameters of the task.
+
+        Returns:
+            The state. It ends as its task ends: completed, failed, timeout or interrupted.
+        """
         if not isinstance(label, str):
             raise MisuseError(
                 f"the label of a state is text, not {label!r:.60}; parameters are given by name"
             )
-        state = self._new(StateKind.TASK, label or self._free(task))
+        state = self._new(StateKind.TASK, label or self._unused_label(task))
         state.task, state.parameters = task, parameters
         return state
 
@@ -55,56 +83,73 @@ class StateMachine(BlockMachine[MachineState]):
         return lambda label="", /, **parameters: self.task(task, label, **parameters)
 
     def epsilon(self, label: str = "", /) -> MachineState:
-        """A state that does nothing and has completed at once: where paths meet, or a name for a
-        way out.
-        """
-        return self._new(StateKind.EPSILON, label or self._free("epsilon"))
+        """Add a state that does nothing and completes at once: to join paths or to name an exit."""
+        return self._new(StateKind.EPSILON, label or self._unused_label("epsilon"))
 
     def sequence(self, label: str = "", /) -> MachineState:
-        """States that follow one another in the order in which they are written, as long as they
+        """Add a container whose states follow one another in writing order, as long as they
         complete.
         """
-        return self._new(StateKind.SEQUENCE, label or self._free("sequence"))
+        return self._new(StateKind.SEQUENCE, label or self._unused_label("sequence"))
 
     def machine(self, label: str = "", /) -> MachineState:
-        """A machine inside: it begins with its first state, and only written transitions lead to
-        another.
+        """Add a machine inside: it starts with its first state, and follows only written
+        transitions.
         """
-        return self._new(StateKind.MACHINE, label or self._free("machine"))
+        return self._new(StateKind.MACHINE, label or self._unused_label("machine"))
 
     def concurrence(
         self, label: str = "", /, *, until: Literal["any", "all"] = "any"
     ) -> MachineState:
-        """States that run together. *any*: until one has ended; its ending is that of all. *all*:
-        until all have completed, or one has ended otherwise. Those that still run then are stopped.
-        One of them at most has tasks in the foreground.
+        """Add a container whose states run together. At most one of them may have foreground tasks.
+
+        Args:
+            label: The container's label.
+            until: "any": the first ending of a state is the container's ending. "all": the
+                container completes when all states have completed; any other ending ends it at
+                once. States that still run are then stopped.
         """
-        return self._new(_concurrence(until), label or self._free("concurrence"))
+        return self._new(_concurrence(until), label or self._unused_label("concurrence"))
 
     def _new(self, kind: StateKind, label: str) -> MachineState:
-        return self._added(MachineState(kind, label, self._place(label)))
+        return self._register(MachineState(kind, label, self._place(label)))
 
-    def _free(self, default: str) -> str:
+    def _unused_label(self, default: str) -> str:
         label, number = default, 1
         while label in self._labelled:
             number += 1
             label = f"{default} {number}"
         return label
 
-    # --- the whole --------------------------------------------------------------------------------
+    # --- the whole machine ------------------------------------------------------------------------
 
     def run(self, mission: BaseMission) -> TaskEnd:
-        """Run it as a task of the mission, and wait until it has ended. Raises MissionTaskFailed if
-        it did not complete; and UnknownTask or BadParameter, before anything begins, if the server
-        has no such task.
+        """Run the machine as a task of a mission, and wait until it has ended.
 
-        Whatever ends the wait (Ctrl-C, a condition of the mission, an error) stops all its tasks.
+        If anything ends the wait, such as Ctrl-C, a condition of the mission, or an error, all
+        tasks of the machine are stopped.
+
+        Args:
+            mission: The open mission; its server must offer the tasks.
+
+        Returns:
+            The TaskEnd of the completed machine.
+
+        Raises:
+            MissionTaskFailed: The machine did not complete.
+            UnknownTask, BadParameter: The server has no such task. Nothing was started.
         """
         return run_as_task(self.root, self.chart, mission)
 
     def draw(self, path: str | Path, *, active: Collection[int] = ()) -> None:
-        """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand
-        out. Raises MisuseError if that can't be done.
+        """Draw the machine into a file.
+
+        Args:
+            path: The file; its ending says the format: .svg, .png, .pdf or .dot.
+            active: The numbers of the states to highlight.
+
+        Raises:
+            MisuseError: The file can't be drawn or written.
         """
         self._draw(path, chart_dot(self.chart, dict.fromkeys(active, "active")))
 
@@ -114,15 +159,13 @@ class StateMachine(BlockMachine[MachineState]):
 
 
 class Sequence(StateMachine):
-    """A machine whose states follow one another in the order in which they are written, as long as
-    they complete.
-    """
+    """A machine whose states follow one another in writing order, as long as they complete."""
 
     _kind = StateKind.SEQUENCE
 
 
 class Concurrence(StateMachine):
-    """A machine whose states run together, until *any* has ended, or *all* have completed."""
+    """A machine whose states run together, until *any* has ended or *all* have completed."""
 
     def __init__(self, name: str, *, until: Literal["any", "all"] = "any") -> None:
         super().__init__(name)

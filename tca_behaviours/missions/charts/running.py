@@ -1,11 +1,11 @@
-"""A machine at work: the statechart says which states are entered and left, and their tasks are
-started and stopped.
+"""A running machine: starts and stops the tasks of the states that its statechart enters and
+leaves.
 
-All happens in one thread, which waits for the tasks that run. Whatever ends that wait (a kill,
-Ctrl-C, an error) stops them all.
+One thread runs the machine and waits for its tasks. If a kill, Ctrl-C, or an error ends that wait,
+all its tasks are stopped.
 
-The machine is a task, too: a command that this process handles, with the machine's structure as
-data and the active states as progress. So it stands in the tree with its tasks under it, can be
+The machine is itself a task: a command that this process handles. Its data is the machine's
+structure; its progress is the active states. It stands in the tree with its tasks below it, can be
 watched, cancelled and killed, and ends if the process dies.
 """
 
@@ -27,7 +27,7 @@ from tca_module import Command, Module, Task, TcaError
 from tca_wire.charts import ActiveStates, Ending, MachineChart, StateKind
 
 _PATIENCE = 5.0
-"""So many seconds a machine that is stopped itself waits for its tasks."""
+"""Seconds that a stopped machine waits for the ends of its tasks."""
 
 
 _ENDINGS: dict[Status, Ending] = {
@@ -38,21 +38,19 @@ _ENDINGS: dict[Status, Ending] = {
 
 
 def ending_of(status: int) -> Ending:
-    """The ending for the status with which a task has ended."""
+    """The ending of a state whose task ended with this status."""
     return _ENDINGS.get(Status.of(status), "failed")
 
 
 class MachineEnd(NamedTuple):
-    """How a machine has ended, and what led to that."""
+    """How a machine ended, and the event that led to it."""
 
     ending: Ending
     text: str
 
 
 class MachineRun:
-    """One run of the machine whose states *root* holds; *publish* is told of its active states when
-    they change.
-    """
+    """One run of the machine below *root*. It calls *publish* when the active states change."""
 
     def __init__(
         self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]
@@ -60,14 +58,12 @@ class MachineRun:
         self._root = root
         self._mission = mission
         self._publish = publish
-        self._chart = Statechart(root, self._entered, self._left)
+        self._chart = Statechart(root, self._on_enter, self._on_exit)
         self._running: dict[MachineState, TaskHandle] = {}
         self._stopping: list[TaskHandle] = []
 
     def until_end(self) -> MachineEnd:
-        """Run the machine until it has ended. Nothing that it has started runs on, whatever
-        happens.
-        """
+        """Run the machine to its end. No task that it has started outlives it."""
         try:
             self._chart.begin()
             text = ""
@@ -84,22 +80,22 @@ class MachineRun:
         return MachineEnd(ending, text)
 
     def _step(self) -> str:
-        """Wait until a task has ended, and go on from its state. What happened, in words."""
+        """Wait until a task has ended, and leave its state. Returns a description of the event."""
         ended = self._mission.first_ended(list(self._running.values()))[0]
         state = next(state for state, task in self._running.items() if task is ended)
         end = ended.end
         assert end is not None
         ending = ending_of(end.status)
-        words = f"{state.label} {_WORDS[ending]}"
-        self._chart.note_end(state, ending)
-        return f"{words}: {end.text}" if end.text and ending != "completed" else words
+        description = f"{state.label} {_ENDING_TEXTS[ending]}"
+        self._chart.record_end(state, ending)
+        return f"{description}: {end.text}" if end.text and ending != "completed" else description
 
-    def _entered(self, state: MachineState) -> None:
+    def _on_enter(self, state: MachineState) -> None:
         if state.kind is StateKind.TASK:
-            self._wait_for_stopped()  # what was left has let go of the robot
+            self._wait_for_stopped()  # the tasks of the states before must have left the robot safe
             self._running[state] = self._mission.start(state.task, **state.parameters)
 
-    def _left(self, state: MachineState) -> None:
+    def _on_exit(self, state: MachineState) -> None:
         task = self._running.pop(state, None)
         if task is not None:
             self._stop(task, f"{self._root!r} has left {state!r}")
@@ -110,21 +106,20 @@ class MachineRun:
             self._stopping.append(task)
 
     def _wait_for_stopped(self, timeout: float | None = None) -> None:
-        while left := [task for task in self._stopping if task.end is None]:
-            if not self._mission.first_ended(left, timeout):
+        while remaining := [task for task in self._stopping if task.end is None]:
+            if not self._mission.first_ended(remaining, timeout):
                 break
         self._stopping.clear()
 
     def _stop_all(self) -> None:
-        with suppress(
-            TcaError
-        ):  # without central there is nothing to stop, and it ends them itself
+        # Without central no task can be stopped; central kills them when the module is lost.
+        with suppress(TcaError):
             for task in self._running.values():
                 self._stop(task, f"{self._root!r} is stopped")
             self._wait_for_stopped(_PATIENCE)
 
 
-_WORDS: dict[Ending, str] = {
+_ENDING_TEXTS: dict[Ending, str] = {
     "completed": "has completed",
     "failed": "has failed",
     "timeout": "was not done in time",
@@ -132,13 +127,14 @@ _WORDS: dict[Ending, str] = {
 }
 
 
-# --- as a task ------------------------------------------------------------------------------------
+# --- the machine as a task ------------------------------------------------------------------------
 
 
 def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -> TaskEnd:
     """Run a machine as a task of *mission*, until it has ended."""
     _check_tasks(root, mission)
-    name = f"{chart.name} of {mission.name}"  # nobody else's: the newest handler of a name gets all
+    # The name must be unique: the newest handler of a message gets all of them.
+    name = f"{chart.name} of {mission.name}"
     command = Command(f"machine {name}", MachineChart, result=TaskEnd, progress=ActiveStates)
     module = Module(command.name, mission.central)
 
@@ -146,7 +142,7 @@ def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -
     def run(task: Task, _: MachineChart) -> TaskEnd:
         with Mission(mission.server, name=name, central=mission.central, under=task) as inner:
             end = MachineRun(root, inner, task.report).until_end()
-        return _told(task, end)
+        return _result(task, end)
 
     with module.running():
         return mission.finish(mission.start_command(command, chart, chart.name))
@@ -158,13 +154,13 @@ def _check_tasks(root: MachineState, mission: BaseMission) -> None:
             try:
                 mission.check(state.task, **state.parameters)
             except TcaError as error:
-                error.add_note(f"It is state {state!r} of {root!r}.")
+                error.add_note(f"The task belongs to state {state!r} of {root!r}.")
                 raise
 
 
-def _told(task: Task, end: MachineEnd) -> TaskEnd:
-    """The result of the machine's own task; one that did not complete fails, as a mission's tasks
-    do.
+def _result(task: Task, end: MachineEnd) -> TaskEnd:
+    """The result of the machine's own task. If it did not complete, it fails as a task of a server
+    does.
     """
     if end.ending == "failed":
         raise MISSION_TASK_FAILED(text=end.text)

@@ -1,13 +1,13 @@
-"""A machine as a statechart of python-statemachine, whose rules decide which states are entered and
-left.
+"""A machine as a statechart of python-statemachine.
+
+The library's rules decide which states are entered and left:
 
 - A task is an atomic state. The event ``ended.s3.failed`` leads out of it.
 - A container is a compound state with a final state for each ending. ``done.state.s1`` leads out of
-it, by the ending.
-- A concurrence is a parallel state. Each state in it stands in a region of its own, so that it can
-begin again without
-  the others. In *any*, an ending of one leads out of the whole; in *all*, a region's final state
-  waits for the others.
+  it, by the ending.
+- A concurrence is a parallel state. Each state in it has a region of its own, so that it can start
+  again without the others. In *any*, the ending of one leads out of the whole. In *all*, the final
+  state of a region waits for the others.
 """
 
 from collections.abc import Callable
@@ -17,23 +17,23 @@ from tca_behaviours.missions.charts.states import ENDINGS, MachineState
 from tca_behaviours.statecharts.library import LibraryChart
 from tca_wire.charts import Ending, StateKind
 
-Told = Callable[[MachineState], object]
+Callback = Callable[[MachineState], object]
 
 
 class Statechart(LibraryChart[MachineState]):
-    """The statechart of one machine. It tells which states it enters and leaves, one after the
-    other, as they are *entered* and *left*.
+    """The statechart of one machine. It calls *on_enter* and *on_exit* with each state, one at a
+    time.
     """
 
-    def __init__(self, root: MachineState, entered: Told, left: Told) -> None:
+    def __init__(self, root: MachineState, on_enter: Callback, on_exit: Callback) -> None:
         super().__init__(list(root.all()))
-        self._told = entered, left
-        definition: dict[str, Any] = {self._names[root]: self._defined(root, is_first=True)}
+        self._on_enter, self._on_exit = on_enter, on_exit
+        definition: dict[str, Any] = {self._names[root]: self._definition_of(root, is_first=True)}
         definition |= {f"end_{ending}": {"final": True} for ending in ENDINGS}
         self._compile(definition)
 
-    def note_end(self, state: MachineState, ending: Ending) -> None:
-        """The task of an active state has ended: leave the state, and enter those that follow."""
+    def record_end(self, state: MachineState, ending: Ending) -> None:
+        """Leave an active state whose task has ended, and enter the states that follow."""
         self.send(_event(self._names[state], ending))
 
     @property
@@ -42,15 +42,14 @@ class Statechart(LibraryChart[MachineState]):
         names = self._active_names
         return next((ending for ending in ENDINGS if f"end_{ending}" in names), None)
 
-    # --- its definition ---------------------------------------------------------------------------
+    # --- the definition for the library -----------------------------------------------------------
 
-    def _defined(self, state: MachineState, *, is_first: bool) -> dict[str, Any]:
+    def _definition_of(self, state: MachineState, *, is_first: bool) -> dict[str, Any]:
         name = self._names[state]
-        entered, left = self._told
         defined: dict[str, Any] = {
             "initial": is_first,
-            "enter": lambda: entered(state),
-            "exit": lambda: left(state),
+            "enter": lambda: self._on_enter(state),
+            "exit": lambda: self._on_exit(state),
         }
         leads = {ending: self._place_after(state, ending) for ending in ENDINGS}
         match state.kind:
@@ -69,7 +68,7 @@ class Statechart(LibraryChart[MachineState]):
             case _:
                 first = state.children[0]
                 inner = {
-                    self._names[child]: self._defined(child, is_first=child is first)
+                    self._names[child]: self._definition_of(child, is_first=child is first)
                     for child in state.children
                 }
                 defined["states"] = inner | {
@@ -82,11 +81,14 @@ class Statechart(LibraryChart[MachineState]):
     def _region(self, branch: MachineState) -> dict[str, Any]:
         name = self._names[branch]
         return {
-            "states": {name: self._defined(branch, is_first=True), f"{name}_done": {"final": True}}
+            "states": {
+                name: self._definition_of(branch, is_first=True),
+                f"{name}_done": {"final": True},
+            }
         }
 
     def _place_after(self, state: MachineState, ending: Ending) -> str:
-        """The name of the state that an ending leads to: another, or the one that ends a
+        """The name of the state that an ending leads to: another state, or the final one of a
         container.
         """
         target, parent = state.target(ending), state.parent
@@ -102,7 +104,7 @@ class Statechart(LibraryChart[MachineState]):
 
 
 def _event(name: str, ending: Ending) -> str:
-    """The event that tells the statechart how the task of a state has ended."""
+    """The event for the end of a state's task."""
     return f"ended.{name}.{ending}"
 
 

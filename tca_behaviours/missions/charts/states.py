@@ -1,4 +1,4 @@
-"""A state of a machine, as it is written down: a task, a branching point, or a container of other
+"""A state of a machine, as it is written: a task, a branching point, or a container of other
 states.
 """
 
@@ -13,19 +13,19 @@ from tca_module import MisuseError
 from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
 
 _MOST_PARAMETERS = 6
-"""Lines that a task has in the picture."""
+"""The most parameters of a task that a picture shows."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
 class MachineState(BlockState["MachineState", "EndingArrow"]):
-    """A state of a machine that is being written; ``on`` says which state follows it."""
+    """A state of a machine that is being written. ``on`` says which states follow it."""
 
     def __init__(self, kind: StateKind, label: str, parent: "MachineState | None") -> None:
         super().__init__(kind, label, parent)
         self.task = ""
         self.parameters: dict[str, Any] = {}
         self.endings: list[Ending] = []
-        """Those that it can have, when the machine is built."""
+        """The endings that it can have, once the machine is built."""
 
     def __repr__(self) -> str:
         kind = "concurrence" if self.kind.is_concurrent else self.kind
@@ -39,19 +39,36 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         timeout: "MachineState | str | None" = None,
         interrupted: "MachineState | str | None" = None,
     ) -> Self:
-        """The state, or the label of one, that follows when this one has ended so. Without, a
-        *completed* state of a sequence leads to the next, and any other ending is that of the
-        container.
+        """Set the states that follow an ending: each a state, or the label of one.
+
+        Without a successor, *completed* leads to the next state of a sequence. Any other ending is
+        passed on to the container.
+
+        Args:
+            completed: The state that follows when this one has completed.
+            failed: The state that follows when it has failed.
+            timeout: The state that follows when it ran too long.
+            interrupted: The state that follows when it was stopped from outside.
+
+        Returns:
+            This state.
+
+        Raises:
+            MisuseError: An ending has a successor already, or the machine is built.
+
+        Example::
+
+            sm.GoTo(goal_x=1.0).on(timeout="home", failed="home")
         """
         for ending, target in zip(ENDINGS, (completed, failed, timeout, interrupted), strict=True):
             if ending in self.by_event and target is not None:
-                raise MisuseError(f"{self!r}: on({ending}=...) is said twice")
+                raise MisuseError(f"{self!r}: on({ending}=...) is given twice: remove one")
             if target is not None:
-                self.lead(EndingArrow(self, target, ending))
+                self.add_arrow(EndingArrow(self, target, ending))
         return self
 
     def target(self, ending: Ending) -> "MachineState | None":
-        """The state that follows an ending; None where the ending is passed on to the container."""
+        """The state that follows an ending; None if the ending is passed on to the container."""
         if ending in self.by_event:
             return self.by_event[ending][0].target
         if (
@@ -59,8 +76,8 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
             and self.parent is not None
             and self.parent.kind is StateKind.SEQUENCE
         ):
-            brothers = self.parent.children
-            return next(iter(brothers[brothers.index(self) + 1 :]), None)
+            siblings = self.parent.children
+            return next(iter(siblings[siblings.index(self) + 1 :]), None)
         return None
 
     def lines(self) -> Iterator[str]:
@@ -71,18 +88,16 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         if len(shown) > _MOST_PARAMETERS:
             yield f"and {len(shown) - _MOST_PARAMETERS} more"
 
-    def row(self) -> ChartState:
-        """It as data, once the machine is numbered."""
+    def chart_state(self) -> ChartState:
+        """The state as data, once the states are numbered."""
         kind = self.task or self.kind
-        is_said = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
+        names_kind = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
         is_last = "completed" in self.endings and self.target("completed") is None
         completes = is_last and self.parent is not None and not self.parent.kind.is_concurrent
-        return replace(super().row(), note="" if is_said else kind, completes=completes)
+        return replace(super().chart_state(), note="" if names_kind else kind, completes=completes)
 
-    def ways(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data: those that follow from its place in a
-        sequence, too.
-        """
+    def chart_arrows(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data; also the one to the next of a sequence."""
         for ending in self.endings:
             if (to := self.target(ending)) is not None:
                 yield ChartArrow(self.number, to.number, "" if ending == "completed" else ending)

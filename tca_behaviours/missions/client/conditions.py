@@ -10,22 +10,32 @@ from tca_module.errors import TcaError
 
 @runtime_checkable
 class MissionCondition(Protocol):
-    """Whatever can say that it is verified. Asked 20 times a second while the mission waits: it
-    must not wait itself. ``str()`` of it is the text of the exception.
+    """An object that can interrupt a mission.
+
+    The mission calls ``is_verified()`` 20 times a second while it waits, so that must not block.
+    ``str()`` of the condition is the text of the exception.
     """
 
     def is_verified(self) -> bool:
-        """Whether the mission is to be interrupted."""
+        """Whether the mission must be interrupted."""
         ...
 
 
 class ConditionIsCompleted:
-    """Verified when a task has completed. A task that ends otherwise ends the wait with its
-    MissionTaskFailed.
+    """A condition that is verified when a task has completed.
 
-    *ends*: other ends that verify it, too, such as ``[Status.TIMEOUT]``. When the condition is
-        cleared its task is
-    stopped, unless *stop_on_clear* is False.
+    If the task ends otherwise, the wait ends with its MissionTaskFailed.
+
+    Args:
+        task: The task, as ``mission.start(...)`` or a call with ``foreground=False`` returned it.
+        name: The text of the exception; by default "TASK has ended".
+        ends: Other outcomes that verify the condition, such as ``[Status.TIMEOUT]``.
+        stop_on_clear: Whether the task is stopped when the condition is cleared; default True.
+
+    Example::
+
+        rain = mission.WaitForRain(foreground=False)
+        mission.add_condition(ConditionIsCompleted(rain, "it rains"))
     """
 
     def __init__(
@@ -46,8 +56,9 @@ class ConditionIsCompleted:
         return self.name
 
     def is_verified(self) -> bool:
-        """Whether the task has completed, as far as the mission has heard. Raises MissionTaskFailed
-        if it can't.
+        """Whether the mission has learned that the task completed.
+
+        Raises MissionTaskFailed if the task can't complete any more.
         """
         if not self.task.is_known_over:
             return False
@@ -56,10 +67,11 @@ class ConditionIsCompleted:
 
 
 class ConditionVerified(TcaError):
-    """One or more conditions of a mission came true. They are cleared, and a task in the foreground
-    has ended.
+    """One or more conditions of a mission were verified.
+
+    The conditions are cleared, and the task in the foreground has ended.
     """
 
     def __init__(self, conditions: Sequence[MissionCondition]) -> None:
         super().__init__("; ".join(map(str, conditions)))
-        self.conditions = list(conditions)
+        self.conditions = list(conditions)  #: the conditions that were verified

@@ -1,5 +1,6 @@
-"""Ctrl-C at the wrong moment: a task that has just been sent must be known before the mission is
-interrupted.
+"""Ctrl-C while a task is being sent.
+
+The mission must know a task before it is interrupted; else it could not stop it.
 """
 
 import signal
@@ -10,14 +11,14 @@ from types import FrameType
 
 
 @contextmanager
-def interrupt_held() -> Iterator[None]:
-    """Hold the first Ctrl-C back until the block has been left; a second one interrupts it."""
+def delay_interrupt() -> Iterator[None]:
+    """Delay the first Ctrl-C until the end of the block. A second one interrupts the block."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs signal handlers in the main thread only
         return
     before = signal.getsignal(signal.SIGINT)
     if before is not signal.default_int_handler:
-        yield  # somebody has other plans with it
+        yield  # the program handles SIGINT itself
         return
     held: list[int] = []
 

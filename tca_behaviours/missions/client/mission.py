@@ -1,4 +1,4 @@
-"""Mission: the tasks of a server as functions, in plain Python."""
+"""Missions: the tasks of a server as functions, in plain Python."""
 
 import contextlib
 import sys
@@ -15,13 +15,13 @@ from tca_behaviours.missions.client.conditions import (
     MissionCondition,
 )
 from tca_behaviours.missions.client.errors import BadParameter, MissionTaskFailed, NotOffered
-from tca_behaviours.missions.client.interrupts import interrupt_held
+from tca_behaviours.missions.client.interrupts import delay_interrupt
 from tca_behaviours.missions.client.mission_goal import MissionGoal
 from tca_behaviours.missions.client.offered_task import OfferedTask
 from tca_behaviours.missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_behaviours.missions.client.step_file import TaskBegun
 from tca_behaviours.missions.client.steps import Steps
-from tca_behaviours.missions.client.stopping import LOOKS_EVERY, Stopping
+from tca_behaviours.missions.client.stopping import CHECK_PERIOD, Stopping
 from tca_behaviours.missions.client.task_handle import TaskHandle, check_handles
 from tca_behaviours.missions.outcomes import TaskEnd
 from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks
@@ -34,18 +34,18 @@ T = TypeVar("T")
 D = TypeVar("D")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
-_ENDED = 10  # tasks that have ended, and are remembered
+_ENDED = 10  # the number of ended tasks that a mission remembers
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
 _CHECKPOINT = checks.instance_of("the path of a file", str | Path).or_none()
 _CONDITION = checks.instance_of("an object with a method is_verified()", MissionCondition)
 
 
 class BaseMission:
-    """What every mission can do, whatever tasks there are. The classes of stub files inherit from
+    """The part of a mission that does not depend on its tasks. The classes of stub files inherit
     it.
     """
 
-    SERVER = ""  #: the server, where nothing is said
+    SERVER = ""  #: the server if none is given
 
     def __init__(
         self,
@@ -58,11 +58,18 @@ class BaseMission:
         leave_running: bool = False,
         checkpoint: Path | str | None = None,
     ) -> None:
-        """*server*: whose tasks they are; may be left out where there is only one. *name*: that of
-        the mission, in the tree; by default the program's. *patience*: seconds to wait for the
-        server. *under*: a task, in its handler, to which the mission's tasks belong.
-        *leave_running*: the end of the mission, also a crash, ends none of its tasks. *checkpoint*:
-        the file in which ``step`` notes what was done.
+        """Create a mission. It joins central when it is opened.
+
+        Args:
+            server: The server whose tasks the mission runs; may be left out if there is only one.
+            name: The mission's name in the tree; by default the name of the program.
+            central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
+            patience: How many seconds to wait for the server; default 10.
+            under: A task, in its handler. The mission's tasks belong to it, not to a goal of their
+                own.
+            leave_running: Whether the tasks outlive the mission, also after a crash; default False.
+            checkpoint: The file in which ``step`` records completed steps; None: there are no
+                steps.
         """
         self.central = central  #: its address, as it was given
         self._patience = patience
@@ -77,13 +84,12 @@ class BaseMission:
         self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
-        self._looked_at: dict[int, int] = {}  # after which changes each task was looked at
+        self._checked_at: dict[int, int] = {}  # by task, the count of changes when it was checked
         self._running: dict[int, TaskHandle] = {}
-        self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
+        self.ended = deque[TaskHandle](maxlen=_ENDED)  #: its last tasks that ended, oldest first
         self._conditions: list[MissionCondition] = []
-        self._interruption: ConditionVerified | MissionTaskFailed | None = (
-            None  # with it conditions end a wait
-        )
+        # The exception with which a condition ends the next wait.
+        self._interruption: ConditionVerified | MissionTaskFailed | None = None
 
     def __enter__(self) -> Self:
         return self.open()
@@ -92,13 +98,17 @@ class BaseMission:
         self.close(error)
 
     def open(self) -> Self:
-        """Join central and find the server. Raises CentralLost, or NotOffered if the server does
-        not come.
+        """Join central and find the server. A ``with`` block calls it.
+
+        Raises:
+            CentralLost: Central can't be reached.
+            NotOffered: The server did not appear within ``patience`` seconds.
+            MisuseError: The mission is open already, or must name one of several servers.
         """
         if self._is_open:
             raise MisuseError("this mission is open already")
         if self._checkpoint is not None:
-            self._steps = Steps(self._checkpoint, self._name, self._sent_before, self._finish)
+            self._steps = Steps(self._checkpoint, self._name, self._find_earlier_task, self._finish)
         self._is_open = True
         try:
             self._goal.open()
@@ -109,8 +119,10 @@ class BaseMission:
         return self
 
     def close(self, error: BaseException | None = None) -> None:
-        """Stop what still runs, and leave; twice does no harm. With an *error* the mission counts
-        as failed.
+        """Stop all running tasks and leave central. A ``with`` block calls it; a second call does
+        nothing.
+
+        With an *error*, the exception that ended the mission, the mission counts as failed.
         """
         if not self._is_open:
             return
@@ -120,17 +132,21 @@ class BaseMission:
         try:
             if not (self._leave_running or isinstance(error, CentralLost)):
                 with contextlib.suppress(TcaError):
-                    self._stopping.end(list(self._running.values()), "the mission has ended")
+                    self._stopping.stop_at_end(
+                        list(self._running.values()), "the mission has ended"
+                    )
         finally:
             if self._steps is not None:
                 self._steps.close(is_finished=error is None)
             self._goal.close(error, waits=not self._stopping.hung)
 
-    # --- what there is ----------------------------------------------------------------------------
+    # --- the server and its tasks -----------------------------------------------------------------
 
     @property
     def name(self) -> str:
-        """Its name, as central knows it: with a number, if another mission of that name runs."""
+        """The mission's name in central. It ends with a number if another mission had that name
+        already.
+        """
         self._check_open()
         return self._goal.name
 
@@ -140,12 +156,14 @@ class BaseMission:
         return self._catalogue.server
 
     def offered(self) -> dict[str, OfferedTask]:
-        """The tasks that the server offers now, by name."""
+        """Return the tasks that the server offers now, by name."""
         self._check_open()
         return self._catalogue.tasks
 
     def running_tasks(self) -> list[RunningTask]:
-        """The tasks of the server that have not ended, whoever has started them, oldest first."""
+        """Return the server's tasks that have not ended, oldest first: also those of other
+        missions.
+        """
         self._check_open()
         return running_tasks(self._goal.sender, self.server)
 
@@ -162,54 +180,69 @@ class BaseMission:
     # --- starting ---------------------------------------------------------------------------------
 
     def check(self, name: str, /, **parameters: Any) -> None:
-        """Raise what a call of the task with these parameters would raise at once: UnknownTask or
-        BadParameter.
+        """Check a task's name and parameters, and start nothing.
+
+        Raises:
+            UnknownTask: The server offers no such task.
+            BadParameter: A parameter is unknown, missing, out of range, or of a wrong type.
         """
-        self._task(name).fitted(parameters)
+        self._task(name).validate(parameters)
 
     def start(self, name: str, /, **parameters: Any) -> TaskHandle:
-        """Start a task by name, and don't wait for it, whether it runs in the foreground or in the
-        background.
+        """Start a task by name and do not wait for it, in the foreground or in the background.
+
+        Returns the handle of the task, to wait for it or to stop it.
+
+        Raises:
+            UnknownTask, BadParameter: As for ``check``.
+            NotOffered: The server has left.
+            ConditionVerified: A condition was verified; nothing was started.
+
+        Example::
+
+            drive = mission.start("Drive", goal=6.0)
+            mission.update_task(drive, goal=2.0)
+            mission.wait_for_task(drive)
         """
         return self._start(self._task(name), parameters)
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
         handle = self.start_command(
-            self._catalogue.message(task), task.fitted(parameters), task.name
+            self._catalogue.message(task), task.validate(parameters), task.name
         )
         handle.parameters = parameters
         return handle
 
     def start_command(self, command: Command[D, TaskEnd], data: D, name: str) -> TaskHandle:
-        """Start a command as a task of the mission called *name*, also one that is no task of its
-        server.
+        """Start a command as a task of the mission called *name*. The command need not be the
+        server's.
         """
         self._check_open()
         self._goal.check()
         if self._conditions:
             for running in list(self._running.values()):
-                running.end  # noqa: B018 - heard now, not when the new task has begun
+                running.end  # noqa: B018 - learn of its end now, before the new task begins
             self._raise_verified()
         below = self._goal.below()
-        with below.parallel():  # the tasks of a mission have no order but that of its program
+        with below.parallel():  # only the program orders the tasks of a mission
             sent = below.execute_if_handled(command, data)
         if sent is None:
-            raise NotOffered(
-                f"nobody offers {command.name} any more: start its server, see 'tca messages'"
-            )
+            raise NotOffered(f"no server offers {command.name} any more: start its server")
         handle = TaskHandle(name, sent, self._forget)
         self._running[handle.id] = handle
         if self._steps is not None:
-            self._steps.note_task(handle)
+            self._steps.record_task(handle)
         return handle
 
     def run(self, name: str, /, **parameters: Any) -> Any:
-        """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is
-        ``mission.GoTo(goal_x=1.0)``.
+        """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``.
+
+        Returns the TaskEnd of the completed task; for a task in the background its TaskHandle, at
+        once. Raises MissionTaskFailed if the task did not complete, and what ``start`` raises.
         """
         task, handle = self._task(name), None
         try:
-            with interrupt_held():
+            with delay_interrupt():
                 handle = self._start(task, parameters)
         except KeyboardInterrupt as interrupt:
             if handle is not None:
@@ -220,20 +253,19 @@ class BaseMission:
         return self.finish(handle)
 
     def finish(self, task: TaskHandle) -> TaskEnd:
-        """Wait for the end of a task, and stop it if that is interrupted. Raises MissionTaskFailed
-        if it did not complete.
+        """Wait for the end of a task, and stop the task if the wait is interrupted.
+
+        Raises MissionTaskFailed if it did not complete.
         """
         self._finish(task)
         return task.result()
 
     def _finish(self, task: TaskHandle) -> None:
-        """Wait for the end of a task in the foreground; one that is not waited for any more must
-        not go on.
-        """
+        """Wait for the end of a foreground task, and stop it if the wait ends with an error."""
         try:
             self._wait([task], None, in_foreground=[task])
         except CentralLost:
-            raise  # it can't be told
+            raise  # without central no task can be stopped
         except BaseException as error:
             self._stopping.stop_after(error, [task], "the mission was interrupted")
             raise
@@ -241,8 +273,13 @@ class BaseMission:
     # --- waiting ----------------------------------------------------------------------------------
 
     def wait_for_task(self, task: TaskHandle, timeout: float | None = None) -> TaskEnd:
-        """Wait until a task has ended; its end. Raises MissionTaskFailed if it did not complete,
-        Timeout.
+        """Wait until a task has ended, at most *timeout* seconds, and return how it ended.
+
+        Raises:
+            MissionTaskFailed: The task did not complete.
+            Timeout: The task did not end in time; it runs on.
+            ConditionVerified: A condition was verified.
+            TaskKilled: The mission was killed.
         """
         self.wait_for_any_task([task], timeout)
         return task.result()
@@ -250,9 +287,7 @@ class BaseMission:
     def wait_for_any_task(
         self, tasks: Sequence[TaskHandle], timeout: float | None = None
     ) -> TaskHandle:
-        """Wait until one of the tasks has ended; that one. Raises MissionTaskFailed if it did not
-        complete, Timeout.
-        """
+        """Wait until one of the tasks has ended, and return it. Raises as ``wait_for_task``."""
         ended = self.first_ended(tasks, timeout)
         if not ended:
             names = ", ".join(map(str, tasks))
@@ -263,23 +298,28 @@ class BaseMission:
     def wait_for_all_tasks(
         self, tasks: Sequence[TaskHandle], timeout: float | None = None
     ) -> list[TaskEnd]:
-        """Wait until all of the tasks have ended; their ends. Raises MissionTaskFailed as soon as
-        one did not complete, Timeout.
+        """Wait until all of the tasks have ended, and return how each ended.
+
+        Raises as ``wait_for_task``: MissionTaskFailed as soon as one of them did not complete.
         """
         until = None if timeout is None else time.monotonic() + timeout
-        left = list(tasks)
-        while left:
+        remaining = list(tasks)
+        while remaining:
             ended = self.wait_for_any_task(
-                left, None if until is None else max(0.0, until - time.monotonic())
+                remaining, None if until is None else max(0.0, until - time.monotonic())
             )
-            left.remove(ended)
+            remaining.remove(ended)
         return [task.result() for task in tasks]
 
     def first_ended(
         self, tasks: Sequence[TaskHandle], timeout: float | None = None
     ) -> list[TaskHandle]:
-        """Wait until at least one of the tasks has ended; those that have. [] after *timeout*
-        seconds. It doesn't raise for a task that failed: see ``end`` of each.
+        """Wait until at least one of the tasks has ended.
+
+        Unlike ``wait_for_any_task`` it raises nothing for a task that failed: see its ``end``.
+
+        Returns:
+            All of the tasks that have ended; [] if none did within *timeout* seconds.
         """
         self._check_open()
         check("the wait for tasks", checks.TIMEOUT, timeout=timeout)
@@ -295,87 +335,102 @@ class BaseMission:
         *,
         in_foreground: Sequence[TaskHandle] = (),
     ) -> list[TaskHandle]:
-        """Wait until one of the tasks has ended, or something ends the wait: a condition, the loss
-        of the server, a kill of the mission.
+        """Wait until one of the tasks has ended, or an event ends the wait.
+
+        A verified condition, the loss of the server, or a kill of the mission ends it with an
+        exception.
         """
         until = None if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
             self._raise_verified(in_foreground)
-            left = None if until is None else until - time.monotonic()
-            if left is not None and left <= 0:
+            remaining = None if until is None else until - time.monotonic()
+            if remaining is not None and remaining <= 0:
                 return [task for task in tasks if task.is_over]
-            if not self._hear(tasks, LOOKS_EVERY if left is None else min(left, LOOKS_EVERY)):
-                self._stopping.look(tasks)
+            if not self._wait_for_event(
+                tasks, CHECK_PERIOD if remaining is None else min(remaining, CHECK_PERIOD)
+            ):
+                self._stopping.warn_of_hung(tasks)
         self._goal.check(ask=any(task.is_interrupted for task in ended))
         return ended
 
-    def _hear(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
-        """Wait until something has happened that may end a wait for *tasks*; False if nothing has
-        in time.
+    def _wait_for_event(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
+        """Wait for an event that may end a wait for *tasks*. Returns False if there was none in
+        time.
         """
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
-        is_certain = not self._conditions and timeout >= LOOKS_EVERY
+        is_certain = not self._conditions and timeout >= CHECK_PERIOD
         ended = first_ended(
             list(awaited),
             timeout,
-            lambda: self._is_verified() or self._lost(tasks),
+            lambda: self._is_verified() or self._newly_lost(tasks),
             brief=not is_certain,
         )
         for sent in ended:
-            awaited[sent].note_end()  # type: ignore[index]  # one of those
-        for task in self._lost(tasks):
-            if self._waits_in_vain(task):
-                task.stop(f"nobody offers {task.sent.message} any more")
-                raise NotOffered(
-                    f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server"
-                )
+            awaited[sent].record_end()  # type: ignore[index]
+        for task in self._newly_lost(tasks):
+            if self._waits_forever(task):
+                why = f"no server offers {task.sent.message} any more"
+                task.stop(why)
+                raise NotOffered(f"{why}, and {task} waited for it: start its server")
         return bool(ended or self._interruption)
 
-    def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
-        """The tasks whose message nobody handles any more, as central has said just now."""
+    def _newly_lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
+        """The tasks whose message has lost its last handler, and that were not checked since."""
         changes, lost = self._goal.changes, self._goal.lost
-        gone = (
-            [task for task in tasks if task.sent.message in lost and not task.is_known_over]
-            if lost
-            else []
-        )
-        return [task for task in gone if self._looked_at.get(task.id) != changes]
+        if not lost:
+            return []
+        return [
+            task
+            for task in tasks
+            if task.sent.message in lost
+            and not task.is_known_over
+            and self._checked_at.get(task.id) != changes
+        ]
 
-    def _waits_in_vain(self, task: TaskHandle) -> bool:
-        """Whether a task that nobody offers any more had not begun. Else it is about to fail: its
-        server was lost.
+    def _waits_forever(self, task: TaskHandle) -> bool:
+        """Whether a task of a lost server had not begun, so that it would wait forever.
+
+        If it had begun, its failure is about to arrive.
         """
-        self._looked_at[task.id] = self._goal.changes
+        self._checked_at[task.id] = self._goal.changes
         info = task.sent.info()
         return info is not None and not (info.module or info.failure)
 
     # --- changing ---------------------------------------------------------------------------------
 
     def update_task(self, task: TaskHandle, /, **parameters: Any) -> None:
-        """Change parameters of a task that runs; those that are not named stay as they are. Raises
-        BadParameter before anything is sent, and Rejected, with the reason, if the task goes on as
-        it was or has ended.
+        """Change parameters of a running task. Parameters that are not named stay as they are.
+
+        Raises:
+            BadParameter: A parameter does not fit; nothing was sent.
+            Rejected: The task runs on unchanged, or has ended; the text gives the reason.
         """
         check_handles(task)
         offered, info = self._task(task.name), task.sent.info()
         present = given_parameters(info) if info is not None else task.parameters
         required = {name: present[name] for name in offered.required if name in present}
-        task.sent.update(offered.fitted({**required, **parameters}), timeout=_UPDATED_WITHIN)
+        task.sent.update(offered.validate({**required, **parameters}), timeout=_UPDATED_WITHIN)
         task.parameters = {**task.parameters, **parameters}
 
     # --- stopping ---------------------------------------------------------------------------------
 
     def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
-        """Stop a task, and wait until it has left things safe. One that has ended is left alone."""
+        """Stop a task, and wait until it has terminated. Does nothing if it has ended.
+
+        Raises Timeout if it does not end within 10 seconds. *why* is the reason in the tree and
+        journal.
+        """
         check_handles(task)
         self._stopping.stop([task], why)
 
     def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
-        """Stop all tasks of this mission, and wait until they have left things safe."""
+        """Stop all tasks of this mission, and wait until they have terminated. Raises as
+        ``stop_task``.
+        """
         self._stopping.stop(list(self._running.values()), why)
 
     def _forget(self, task: TaskHandle) -> None:
-        self._looked_at.pop(task.id, None)
+        self._checked_at.pop(task.id, None)
         self._stopping.forget(task)
         if self._running.pop(task.id, None) is not None:
             self.ended.append(task)
@@ -385,16 +440,29 @@ class BaseMission:
     def step(
         self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
     ) -> T:
-        """Call *function*, unless the step *name* was completed by an earlier run of this program:
-        then give its value.
+        """Call *function*, unless an earlier run of this program has completed the step.
 
-        ::
+        The value of a completed step is returned without a call. When the mission ends without an
+        error, its steps are forgotten.
+
+        Args:
+            name: The step's name, unique in the mission.
+            function: A task of the mission, or any function that returns plain data.
+            *args: Its arguments.
+            **parameters: Its keyword arguments.
+
+        Returns:
+            The value of the function.
+
+        Raises:
+            StepUncertain: The program died during the step. A step that is one completed task is
+                done.
+            MisuseError: The mission has no checkpoint, the name was used, or the value can't be
+                stored.
+
+        Example::
 
             mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
-
-        Values must be plain data. A step that was under way when the program died raises
-        StepUncertain, unless it was one task that completed. The steps of a mission that has come
-        to its end are forgotten.
         """
         return self._opened_steps().run(
             name, function, lambda: function(*args, **parameters), again=False
@@ -403,13 +471,13 @@ class BaseMission:
     def repeatable_step(
         self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
     ) -> T:
-        """As ``step``, but one that was under way when the program died is done again."""
+        """Do a step as ``step`` does, but repeat it if it was under way when the program died."""
         return self._opened_steps().run(
             name, function, lambda: function(*args, **parameters), again=True
         )
 
     def skip_step(self, name: str) -> None:
-        """Take a step as completed, with the value None."""
+        """Mark a step as done, with the value None."""
         self._opened_steps().skip(name)
 
     def _opened_steps(self) -> Steps:
@@ -418,8 +486,10 @@ class BaseMission:
             raise MisuseError("steps need a file: Mission(..., checkpoint='patrol.steps')")
         return self._steps
 
-    def _sent_before(self, task: TaskBegun) -> TaskHandle | None:
-        """A task that an earlier run of the program has sent; None if central has forgotten it."""
+    def _find_earlier_task(self, task: TaskBegun) -> TaskHandle | None:
+        """Find a task that an earlier run of the program has started; None if central has forgotten
+        it.
+        """
         offered = self.offered().get(task.name)
         if offered is None:
             return None
@@ -428,7 +498,7 @@ class BaseMission:
                 self._catalogue.message(offered), task.id, task.epoch
             )
             handle = TaskHandle(task.name, sent, self._forget)
-            handle.end  # noqa: B018 - is it known?
+            handle.end  # noqa: B018 - raises if central does not know the task
         except (CentralLost, Refused):
             return None
         return handle
@@ -436,28 +506,31 @@ class BaseMission:
     # --- conditions -------------------------------------------------------------------------------
 
     def add_condition(self, condition: MissionCondition) -> None:
-        """From now on *condition* interrupts whatever the mission waits for, with
-        ConditionVerified. One whose task did not complete interrupts with MissionTaskFailed.
+        """Interrupt the mission's waits when a condition is verified.
+
+        All calls that wait then raise ConditionVerified; MissionTaskFailed if the condition's task
+        failed. A condition is a ConditionIsCompleted, or any object with a method
+        ``is_verified()``.
         """
         check("add_condition()", _CONDITION, condition=condition)
         self._conditions.append(condition)
 
     def clear_conditions(self) -> None:
-        """No condition interrupts the mission any more. The tasks of those with ``stop_on_clear``
-        are stopped; it waits until they have left things safe. Raises Timeout.
+        """Remove all conditions. Stop their tasks, except with ``stop_on_clear=False``, and wait
+        for the ends.
+
+        Raises Timeout if one does not end.
         """
-        cleared = [
-            one
-            for one in self._conditions
-            if isinstance(one, ConditionIsCompleted) and one.stop_on_clear
+        tasks = [
+            condition.task
+            for condition in self._conditions
+            if isinstance(condition, ConditionIsCompleted) and condition.stop_on_clear
         ]
         self._conditions.clear()
-        self._stopping.stop([one.task for one in cleared], "its condition was cleared")
+        self._stopping.stop(tasks, "its condition was cleared")
 
     def _is_verified(self) -> bool:
-        """Whether a condition ends the wait now: it is verified, or never will be, since its task
-        has failed.
-        """
+        """Whether a condition ends the wait now: it is verified, or its task has failed."""
         try:
             verified = [condition for condition in self._conditions if condition.is_verified()]
             self._interruption = ConditionVerified(verified) if verified else None
@@ -471,25 +544,25 @@ class BaseMission:
         interruption, self._interruption = self._interruption, None
         if interruption is None:
             return
-        for (
-            task
-        ) in in_foreground:  # it stops together with the tasks of the conditions, not after them
+        for task in in_foreground:  # stop it together with the conditions' tasks, not after them
             task.stop("the mission was interrupted")
         self.clear_conditions()
         raise interruption
 
 
 class Mission(BaseMission):
-    """The tasks of a server as functions.
+    """A mission: the tasks of a server as functions, for use in one thread.
 
-    ::
+    A call of a task runs it to its end and returns its TaskEnd, or raises MissionTaskFailed. With
+    ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the block,
+    or of the process, stops all tasks that still run.
+
+    The arguments are those of ``BaseMission``.
+
+    Example::
 
         with Mission("turtle") as mission:
             mission.GoTo(goal_x=1.0, goal_y=1.0)
-
-    Each call runs its task to the end and returns its TaskEnd, or raises MissionTaskFailed; with
-    ``foreground=False`` it returns a TaskHandle at once. What still runs at the end of the block is
-    stopped, and so it is when the process dies. For one thread.
     """
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -501,11 +574,11 @@ class Mission(BaseMission):
         return [*super().__dir__(), *(self._catalogue.names if self._is_open else ())]
 
     def _function(self, task: OfferedTask) -> Callable[..., Any]:
-        """The function that runs a task; it knows its name, help and parameters."""
+        """Make the function that runs a task, with the task's name, help and parameters."""
 
         def function(*values: Any, **parameters: Any) -> Any:
             if values:
-                names = ", ".join(f"{one.name}=..." for one in task.parameters[: len(values)])
+                names = ", ".join(f"{p.name}=..." for p in task.parameters[: len(values)])
                 raise BadParameter(
                     f"{task.name}() takes its parameters by name: {task.name}({names})"
                 )
@@ -513,13 +586,13 @@ class Mission(BaseMission):
 
         function.__name__ = function.__qualname__ = task.name
         function.__annotations__ = {"return": TaskEnd}
-        function.task_of_mission = task.name  # type: ignore[attr-defined]  # steps look for it
-        function.__doc__ = task.in_words
+        function.task_of_mission = task.name  # type: ignore[attr-defined]  # steps read it
+        function.__doc__ = task.help_text
         function.__module__ = self.server
         function.__signature__ = task.signature  # type: ignore[attr-defined]  # inspect reads it
         return function
 
 
 def _name_of_program() -> str:
-    """The name of the script that runs."""
+    """The name of the running script."""
     return Path(sys.argv[0]).stem.strip("-") or "script"

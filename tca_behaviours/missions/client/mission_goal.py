@@ -1,5 +1,6 @@
-"""The goal under which the tasks of a mission stand. With it they end, whatever becomes of the
-mission's process.
+"""The goal above all tasks of a mission.
+
+When the mission's process dies, its goal fails, and central kills the tasks below it.
 """
 
 import contextlib
@@ -35,11 +36,11 @@ MISSION_FAILED = Failure("mission failed")
 """The failure of a mission that an exception has ended; the text says which."""
 
 _ENDS_WITHIN = 5.0  # seconds that central may take to end the mission's goal
-_numbers = itertools.count(1)
+_numbers = itertools.count(1)  # make the names of this process's missions unique
 _Begun = tuple[int, LaterReply[None]]
-"""A goal that has begun: its task's number, and the reply that ends it."""
+"""A goal that has begun: the number of its task, and the reply that ends it."""
 
-_TOGETHER = "two missions of one name have begun at the same moment"
+_TOGETHER = "two missions of one name began at the same moment"
 
 
 class MissionInfo(msgspec.Struct, frozen=True):
@@ -49,11 +50,11 @@ class MissionInfo(msgspec.Struct, frozen=True):
 
 
 class _NameTakenError(Exception):
-    """Another mission of that name runs."""
+    """Another mission of that name is running."""
 
 
 def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
-    """Wait for the mission's own goal to begin. Returns the reply it owes."""
+    """Wait until the mission's own goal begins. Returns the reply that will end it."""
     if wait_for_any([goal], until=lambda: bool(begun)) or not begun:
         raise _NameTakenError  # another mission of the same name got the goal, and refused it
     task, owed = begun[0]
@@ -64,28 +65,36 @@ def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
 
 
 class MissionGoal:
-    """A module of the mission's own, and a goal that it handles until the mission ends.
+    """The module of a mission, and the goal that it handles until the mission ends.
 
-    When the process dies the goal fails with "module lost", and central kills what is under it. A
-    task that fails is killed here, and so stays *failed*: the mission gets that as an exception,
-    and decides what comes next.
+    When the process dies, the goal fails with "module lost", and central kills the tasks below it.
+    The module also handles the failures of the mission's tasks: it kills a task that fails. The
+    task stays *failed* then, the mission gets an exception, and the program decides what to do.
     """
 
     def __init__(
         self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool
     ) -> None:
-        """*under*: the tasks belong to that task, and need no goal of their own. *stays*: nor do
-        those that are to go on when the mission has ended.
+        """Create the goal; ``open`` sends it.
+
+        Args:
+            name: The mission's name.
+            server: The server whose tasks it runs.
+            central: The address of central.
+            under: The task that the mission's tasks belong to. Then the mission needs no goal of
+                its own.
+            stays: Whether the tasks outlive the mission. Then they stand at the top of the tree,
+                without a goal above them.
         """
         self._title = f"mission {name}"
         self._central = central
         self._server = server
         self._under, self._stays = under, stays
-        self._owed: LaterReply[None] | None = None
-        self._top: TaskRef | None = None
+        self._reply: LaterReply[None] | None = None
+        self._top: TaskRef | None = None  # the task above all tasks of the mission
         self._stack = contextlib.ExitStack()
-        self.lost = set[str]()  #: messages that were handled, and are not any more
-        self.changes = 0  #: grows when central has told of handlers that came or went
+        self.lost = set[str]()  #: messages that have lost their last handler
+        self.changes = 0  #: grows with each change of handlers that central reports
 
     def open(self) -> None:
         """Join central, and begin the goal. Raises CentralLost."""
@@ -95,106 +104,108 @@ class MissionGoal:
             self._open(f"{self._title} {os.getpid()}.{next(_numbers)}")
 
     def _open(self, name: str) -> None:
-        """Join as a mission of that name. Raises _NameTakenError if another mission has it, or
-        takes it as well.
+        """Join central as a mission of that name.
+
+        Raises _NameTakenError if another mission has the name, or claims it at the same time.
         """
         self._module = module = Module(name, self._central)
-        begun: list[_Begun] = []  # of this attempt only: the next one's goal is another
-        goal, deal = Goal(name, MissionInfo), ExceptionHandler(f"{name}: failure")
+        begun: list[_Begun] = []  # of this attempt only: the next attempt sends another goal
+        goal, failure_handler = Goal(name, MissionInfo), ExceptionHandler(f"{name}: failure")
 
         def check_name(_: Module) -> None:
-            if module.handlers(deal):
+            if module.handlers(failure_handler):
                 raise _NameTakenError
 
         def begin(task: Task, _: MissionInfo) -> LaterReply[None]:
-            begun.append(mine := (task.id, task.reply_later()))
-            if begun[0] is not mine:
+            begun.append(own := (task.id, task.reply_later()))
+            if begun[0] is not own:
                 raise MISSION_FAILED(text=_TOGETHER)
-            return mine[1]
+            return own[1]
 
         module.at_start(check_name)
-        module.resource(
-            "goals", capacity=2
-        )  # a second goal is refused, where it would wait for the end of this one
+        # With one slot a second goal would wait for the end of the first. With two it is refused.
+        module.resource("goals", capacity=2)
         module.handles(goal, resource="goals")(begin)
-        module.handles(deal, resource="failures")(self._deal_with)
-        module.handles(HANDLERS_CHANGED, resource="failures")(self._note_handlers)
+        module.handles(failure_handler, resource="failures")(self._handle_failure)
+        module.handles(HANDLERS_CHANGED, resource="failures")(self._update_handlers)
         with contextlib.ExitStack() as stack:
             stack.enter_context(module.running())
             if self._under is not None:
                 self._top = self._under.ref
-                stack.callback(self._top.on_failure(None, deal).remove)
+                stack.callback(self._top.on_failure(None, failure_handler).remove)
             elif self._stays:
-                stack.enter_context(module.parallel())  # no task of it waits for the one before
+                stack.enter_context(module.parallel())  # no task waits for the one sent before it
             else:
                 info = MissionInfo(self._server)
                 self._top = top = module.goal(
-                    goal, info, sequential=False, on_failure=[Recovery(None, deal)]
+                    goal, info, sequential=False, on_failure=[Recovery(None, failure_handler)]
                 )
-                self._owed = _wait_for_begin(top, begun)
+                self._reply = _wait_for_begin(top, begun)
             self._stack = stack.pop_all()
 
     @property
     def name(self) -> str:
-        """The name by which central knows the mission, without "mission": no other mission has it
-        now.
-        """
+        """The mission's name in central, without "mission". No other running mission has it."""
         return self._module.name.removeprefix("mission ")
 
     @property
     def sender(self) -> Sender:
-        """The sender of the mission's thread."""
+        """The sender for the mission's thread."""
         return self._under or self._module
 
     def below(self) -> Sender:
-        """A sender for one more task of the mission."""
+        """A sender whose tasks hang below the mission's goal."""
         return self.sender.under(self._top) if self._top is not None else self.sender
 
     def check(self, *, ask: bool = False) -> None:
-        """Raise TaskKilled if somebody has killed the goal, which ends the mission. *ask*: this
-        thread may hear of a task's end before another one hears of the goal's; so ask central.
+        """Raise TaskKilled if the goal was killed, which ends the mission.
+
+        With *ask*, ask central. This thread may learn of a task's end before another thread learns
+        of the goal's.
         """
-        if self._owed is None or self._top is None or not (ask or self._owed.cancelled):
+        if self._reply is None or self._top is None or not (ask or self._reply.cancelled):
             return
         info = self._top.info()
         if info is None or info.killed:
             raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
 
     def close(self, error: BaseException | None, *, waits: bool = True) -> None:
-        """End the goal, as done or, with the exception that has ended the mission, as failed; and
-        leave central. It *waits* for the end, unless something below is known not to end.
+        """End the goal and leave central.
+
+        Args:
+            error: The exception that has ended the mission, which fails the goal; None: the goal is
+                done.
+            waits: Whether to wait for the end of the goal. Don't if a task below it is known to
+                hang.
         """
         with self._stack:
-            if self._owed is None or self._top is None or isinstance(error, CentralLost):
+            if self._reply is None or self._top is None or isinstance(error, CentralLost):
                 return
             with contextlib.suppress(TcaError):
                 self._top.kill("the mission has ended", scope=Scope.DESCENDANTS)
             with contextlib.suppress(Stopped, MisuseError):
                 if error is None:
-                    self._owed.reply()
+                    self._reply.reply()
                 else:
                     text = "".join(traceback.format_exception_only(error)).strip()
-                    self._owed.fail(MISSION_FAILED(text=text.partition("\n")[0]))
+                    self._reply.fail(MISSION_FAILED(text=text.partition("\n")[0]))
             with contextlib.suppress(TcaError):
                 self._top.wait(_ENDS_WITHIN if waits else 0.0)
 
     # --- handlers: they run in threads of the module ----------------------------------------------
 
-    def _deal_with(self, task: Task) -> None:
-        """A task of the mission, or one under it, has failed: that ends the mission's task, but not
-        the mission.
-        """
+    def _handle_failure(self, task: Task) -> None:
+        """End a task of the mission after a failure in it or below it. The mission continues."""
         trouble, failing, top = task.trouble, task.trouble.failing, self._top
         if top is None or failing.id == top.id:
             raise trouble.reissue()
-        # Killed and not resolved, because a task that is killed after a failure counts as failed
-        # everywhere.
+        # Kill it rather than resolve the failure: a task killed after its failure counts as failed.
         failing.kill("it has failed, and the mission continues")
-        above = list(itertools.takewhile(lambda one: one.id != top.id, failing.ancestors()))
-        if above:  # the mission's task is to it as a top-level task is to central
-            above[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
+        ancestors = list(itertools.takewhile(lambda task: task.id != top.id, failing.ancestors()))
+        if ancestors:  # the failing task is below the mission's own task: fail that, too
+            ancestors[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
 
-    def _note_handlers(self, _: Task, count: HandlerCount) -> None:
+    def _update_handlers(self, _: Task, count: HandlerCount) -> None:
         if count.handlers:
             self.lost.discard(count.message)
         else:

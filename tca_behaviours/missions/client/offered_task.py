@@ -1,5 +1,6 @@
-"""The tasks that servers offer, as central knows them: found by the mark in the format of their
-data.
+"""The tasks that servers offer.
+
+Central knows them as messages. A mark in the format of the data tells them from other commands.
 """
 
 import inspect
@@ -34,16 +35,16 @@ _BOUNDS = {
 }
 
 
-class _Mark(msgspec.Struct, frozen=True):
+class _TaskMark(msgspec.Struct, frozen=True):
     server: str
     task: str
     help: str = ""
     periodic: bool = True
-    parameters: tuple[str, ...] = ()  # in the order of their declaration
+    parameters: tuple[str, ...] = ()  # in the order of declaration
 
 
 class TaskParameter:
-    """One parameter of an offered task."""
+    """A parameter of an offered task."""
 
     def __init__(
         self,
@@ -62,8 +63,8 @@ class TaskParameter:
         )
 
     @property
-    def in_words(self) -> str:
-        """Type, default, bounds and description, for people."""
+    def help_text(self) -> str:
+        """One line of help: name, type, default, bounds and description."""
         default = "" if self.default is inspect.Parameter.empty else f" = {self.default!r}"
         bounds = f" ({self.bounds})" if self.bounds else ""
         return f"{self.name}: {inspect.formatannotation(self.type)}{default}{bounds}" + (
@@ -74,7 +75,7 @@ class TaskParameter:
 class OfferedTask:
     """A task that a server offers."""
 
-    def __init__(self, info: MessageInfo, mark: _Mark, schema: Mapping[str, Any]) -> None:
+    def __init__(self, info: MessageInfo, mark: _TaskMark, schema: Mapping[str, Any]) -> None:
         self.message = info.name
         self.server = mark.server
         self.name = mark.task
@@ -93,43 +94,48 @@ class OfferedTask:
 
     @property
     def runs_in_foreground(self) -> bool:
-        """Whether it does where nothing is said."""
-        return all(one.default is not False for one in self.parameters if one.name == "foreground")
+        """Whether a call without ``foreground=`` runs in the foreground."""
+        return all(
+            parameter.default is not False
+            for parameter in self.parameters
+            if parameter.name == "foreground"
+        )
 
     @property
     def signature(self) -> inspect.Signature:
-        """That of the function that runs it: all parameters by name."""
+        """The signature of the mission's function for the task: all parameters are keyword-only."""
         kind = inspect.Parameter.KEYWORD_ONLY
-        named = [one for one in self.parameters if is_name(one.name)]
+        named = [parameter for parameter in self.parameters if is_identifier(parameter.name)]
         return inspect.Signature(
             [
-                inspect.Parameter(one.name, kind, default=one.default, annotation=one.type)
-                for one in named
+                inspect.Parameter(
+                    parameter.name, kind, default=parameter.default, annotation=parameter.type
+                )
+                for parameter in named
             ],
             return_annotation=TaskEnd,
         )
 
     @property
-    def in_words(self) -> str:
-        """Its help and its parameters, a line each."""
+    def help_text(self) -> str:
+        """The task's help text, then a line for each parameter."""
         return "\n".join(
             [
                 self.help or f"Task {self.name} of {self.server}.",
                 "",
-                *(p.in_words for p in self.parameters),
+                *(p.help_text for p in self.parameters),
             ]
         )
 
-    def fitted(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """The parameters as they are sent: only those given. Raises BadParameter."""
-        known = [one.name for one in self.parameters]
+    def validate(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Check the given parameters, and return them as they are sent. Raises BadParameter."""
+        names = [parameter.name for parameter in self.parameters]
         for name in parameters:
-            if name not in known:
-                raise BadParameter(
-                    f"{self.name}() has no parameter '{name}': {nearest_or_all(name, known, 'it has')}"
-                )
+            if name not in names:
+                known = nearest_or_all(name, names, "it has")
+                raise BadParameter(f"{self.name}() has no parameter '{name}': {known}")
         try:
-            plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_plain)
+            plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_to_plain)
             for name, value in plain.items():
                 _check_finite(name, value)
             self._format.encode(plain)
@@ -140,8 +146,8 @@ class OfferedTask:
         return plain
 
 
-def is_name(text: str) -> bool:
-    """Whether it can be a name in Python."""
+def is_identifier(text: str) -> bool:
+    """Whether *text* can be a name in Python."""
     return text.isidentifier() and not keyword.iskeyword(text)
 
 
@@ -152,9 +158,9 @@ def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
             continue
         try:
             schema = json.loads(info.data)
-            mark = msgspec.convert(schema[MISSION_TASK], _Mark)
+            mark = msgspec.convert(schema[MISSION_TASK], _TaskMark)
         except (ValueError, KeyError, TypeError, RecursionError, msgspec.ValidationError):
-            continue  # the formats come from anybody
+            continue  # any module may declare a format: skip a malformed mark
         yield OfferedTask(info, mark, PlainFormat(info.data).shape)
 
 
@@ -165,23 +171,25 @@ def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapp
 
 
 def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: int = 0) -> Any:
-    """The Python type of a value, for signatures."""
+    """The Python type for a JSON Schema, for signatures."""
     schema = _resolved(schema, definitions)
-    if depth > 9:  # a circle of references
+    if depth > 9:  # references may form a cycle
         return Any
     if "enum" in schema:
         return Literal[tuple(schema["enum"])]
     if "anyOf" in schema:
-        return Union[tuple(_type_of(one, definitions, depth + 1) for one in schema["anyOf"])]  # noqa: UP007
+        types = tuple(_type_of(choice, definitions, depth + 1) for choice in schema["anyOf"])
+        return Union[types]  # noqa: UP007 - only Union takes a tuple
     if schema.get("type") == "array":
-        return list[_type_of(schema.get("items", {}), definitions, depth + 1)]  # type: ignore[misc]  # made at run time
+        element = _type_of(schema.get("items", {}), definitions, depth + 1)
+        return list[element]  # type: ignore[valid-type]
     if schema.get("type") == "object":
         return dict[str, Any]
     return _TYPES.get(str(schema.get("type")), Any)
 
 
 def _check_finite(name: str, value: Any) -> None:
-    """Raise FieldMisfit for a number that is infinite or none, also in a list or mapping."""
+    """Raise FieldMisfit if a number is infinite or NaN, also inside a list or mapping."""
     if isinstance(value, float) and not math.isfinite(value):
         raise FieldMisfit(name, f"must be finite, and {value} is not")
     if isinstance(value, dict | list | tuple):
@@ -189,8 +197,8 @@ def _check_finite(name: str, value: Any) -> None:
             _check_finite(name, part)
 
 
-def _plain(value: Any) -> Any:
-    """A number of numpy, or an array, as plain values."""
+def _to_plain(value: Any) -> Any:
+    """Convert a number or an array of numpy to plain values."""
     if hasattr(value, "tolist"):
         return value.tolist()
     msg = f"objects of type {type(value).__name__} can't be sent"

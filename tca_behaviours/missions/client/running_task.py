@@ -1,4 +1,4 @@
-"""The tasks of a server that run now, whoever has started them."""
+"""The tasks of a server that run now, including those of other missions."""
 
 from typing import Any
 
@@ -16,9 +16,9 @@ class RunningTask(msgspec.Struct, frozen=True):
     state: str
     """"waits", "runs", "suspended" or "is being stopped"."""
     parameters: dict[str, Any]
-    """Those that were given."""
+    """The parameters that its sender gave."""
     text: str = ""
-    """What it says of itself."""
+    """The newest text that it has reported."""
 
     def __str__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
@@ -39,25 +39,27 @@ def _running(ref: TaskRef, server: str) -> RunningTask | None:
     info = ref.info()
     if info is None:
         return None
-    state = "suspended" if info.suspended else "runs" if info.module else "waits"
-    return RunningTask(
-        info.id,
-        ref.message.removeprefix(f"{server}."),
-        "is being stopped" if info.killed else state,
-        given_parameters(info),
-        _newest_text(ref),
-    )
+    name, parameters = ref.message.removeprefix(f"{server}."), given_parameters(info)
+    return RunningTask(info.id, name, _state(info), parameters, _newest_text(ref))
+
+
+def _state(info: TaskInfo) -> str:
+    if info.killed:
+        return "is being stopped"
+    if info.suspended:
+        return "suspended"
+    return "runs" if info.module else "waits"
 
 
 def given_parameters(info: TaskInfo) -> dict[str, Any]:
-    """The parameters that a task was given."""
+    """The parameters that the sender of a task gave."""
     data = decode_untyped(info.data)
     return data if isinstance(data, dict) else {}
 
 
 def _newest_text(ref: TaskRef) -> str:
     """The text that a task has reported last."""
-    said = ref.progress()
-    ref.state  # noqa: B018 - when that is known, so is what was reported
-    reports = said.arrived()
+    progress = ref.progress()
+    ref.state  # noqa: B018 - the earlier reports have arrived when central answers this
+    reports = progress.arrived()
     return str(reports[-1].get("text", "")) if reports and isinstance(reports[-1], dict) else ""

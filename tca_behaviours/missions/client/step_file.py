@@ -1,5 +1,6 @@
-"""The file in which a mission notes its steps: a line of JSON each, on the disk before the mission
-goes on.
+"""The file in which a mission records its steps.
+
+Each record is one line of JSON. It is on the disk before the mission continues.
 """
 
 import contextlib
@@ -28,11 +29,11 @@ class TaskBegun(msgspec.Struct, frozen=True):
 
 
 class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A line: a step has begun, has started a task, is done with a value, or was left by an
+    """A line of the file: a step began, started a task, is done with a value, or was left by an
     exception.
 
-    The value is msgpack, since JSON has no NaN, no bytes and no keys but texts. The end of a task
-    stays legible.
+    The value is msgpack, because JSON has no NaN, no bytes, and only text as keys. The end of a
+    task is JSON, so that it can be read.
     """
 
     step: str
@@ -43,28 +44,30 @@ class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
 
     def __post_init__(self) -> None:
         if (self.is_ == "task") != (self.task is not None):
-            msg = "a line of a task names it"
+            msg = "a line has a task if, and only if, its kind is 'task'"
             raise ValueError(msg)
 
 
-class _Head(msgspec.Struct, frozen=True):
+class _Header(msgspec.Struct, frozen=True):
     steps_of: str
     version: int
 
 
 class StepFile:
-    """The lines of an open file. One process at a time has it."""
+    """The open file of a mission's steps. Only one process at a time can open it."""
 
     def __init__(self, path: Path, mission: str) -> None:
-        """Open or make it. Raises MisuseError if it is none, is damaged, or belongs to another
-        mission or process.
+        """Open or create the file, and read its lines.
+
+        Raises MisuseError if it is no such file, is damaged, or belongs to another mission or
+        process.
         """
         self._path = path
-        self.lines: list[StepLine] = []  #: those that were there already
+        self.lines: list[StepLine] = []
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            why = f"{error.strerror}: give the path of a file, in a folder that there is"
+            why = f"{error.strerror}: give the path of a file in an existing folder"
             raise MisuseError(f"checkpoint {path} can't be opened: {why}") from None
         try:
             self._lock()
@@ -74,13 +77,13 @@ class StepFile:
             raise
 
     def add(self, line: StepLine) -> None:
-        """Append a line; it is on the disk when this returns."""
+        """Append a line. It is on the disk when this returns."""
         self._write(line)
         self.lines.append(line)
 
     def close(self, *, is_finished: bool) -> None:
-        """Let go of it; that of a mission that *is finished* is removed: the next one begins
-        anew.
+        """Close the file. Remove it if the mission *is finished*, so that the next run starts
+        again.
         """
         if is_finished:
             with contextlib.suppress(FileNotFoundError):
@@ -92,48 +95,48 @@ class StepFile:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise MisuseError(
-                f"{self._path} is in use by another mission that runs: give each its own file"
+                f"{self._path} is in use by another running mission: give each its own file"
             ) from None
 
     def _read(self, mission: str) -> None:
         text = self._path.read_bytes()
-        *whole, torn = text.split(b"\n")
+        *whole, partial = text.split(b"\n")
         if not whole:
             os.ftruncate(self._file, 0)
-            self._write(_Head(mission, _VERSION))
+            self._write(_Header(mission, _VERSION))
             self._sync_folder()
             return
-        self._check_head(whole[0], mission)
+        self._check_header(whole[0], mission)
         for number, line in enumerate(whole[1:], 2):
             try:
                 self.lines.append(msgspec.json.decode(line, type=StepLine))
             except msgspec.DecodeError as error:
                 if number < len(whole):
-                    what = f"line {number} of {self._path} is damaged ({error})"
+                    problem = f"line {number} of {self._path} is damaged ({error})"
                     raise MisuseError(
-                        f"{what}: mend it, or remove the file and begin anew"
+                        f"{problem}: repair it, or remove the file and start again"
                     ) from None
-                torn = line + b"\n"
-        os.ftruncate(
-            self._file, len(text) - len(torn)
-        )  # the process died while it wrote the last line
+                partial = line + b"\n"
+        # A process that dies while it writes leaves a partial last line: drop it.
+        os.ftruncate(self._file, len(text) - len(partial))
 
-    def _check_head(self, line: bytes, mission: str) -> None:
+    def _check_header(self, line: bytes, mission: str) -> None:
         try:
-            head = msgspec.json.decode(line, type=_Head)
+            header = msgspec.json.decode(line, type=_Header)
         except msgspec.DecodeError:
             raise MisuseError(
                 f"{self._path} holds no steps of a mission: give another file"
             ) from None
-        if head.steps_of != mission or head.version != _VERSION:
-            whose = f"'{head.steps_of}'" + (
-                f", in format {head.version}" if head.version != _VERSION else ""
-            )
+        if header.steps_of != mission or header.version != _VERSION:
+            owner = f"'{header.steps_of}'"
+            if header.version != _VERSION:
+                owner += f", in format {header.version}"
             raise MisuseError(
-                f"{self._path} holds the steps of mission {whose}, not of '{mission}': give another file"
+                f"{self._path} holds the steps of mission {owner}, not of '{mission}': "
+                "give another file"
             )
 
-    def _write(self, line: StepLine | _Head) -> None:
+    def _write(self, line: StepLine | _Header) -> None:
         data = msgspec.json.encode(line) + b"\n"
         while data:
             data = data[os.write(self._file, data) :]

@@ -1,6 +1,4 @@
-"""The steps of a mission: what was completed is not done again when the mission's program is
-started anew.
-"""
+"""The steps of a mission: a completed step is not repeated when the program is started again."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +6,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from tca_behaviours.missions.client.errors import StepUncertain, in_words
+from tca_behaviours.missions.client.errors import StepUncertain, describe_end
 from tca_behaviours.missions.client.step_file import StepFile, StepLine, TaskBegun
 from tca_behaviours.missions.client.task_handle import TaskHandle
 from tca_behaviours.missions.outcomes import Status, TaskEnd
@@ -20,7 +18,7 @@ _UNKNOWN = "is unknown to central"
 
 
 class Steps:
-    """What is known of the steps of a mission: from its file, and from now on."""
+    """The steps of a mission: those in its file, and those of this run of the program."""
 
     def __init__(
         self,
@@ -29,56 +27,69 @@ class Steps:
         find: Callable[[TaskBegun], TaskHandle | None],
         finish: Callable[[TaskHandle], object],
     ) -> None:
-        """*find*: the task of an earlier run of the program; None if central has forgotten it.
-        *finish*: waits for its end.
+        """Open the file, and read its steps.
+
+        Args:
+            path: The file that records the steps.
+            mission: The mission's name.
+            find: Finds a task that an earlier run of the program has started; None if central has
+                forgotten it.
+            finish: Waits for the end of a task.
         """
         self._file = StepFile(path, mission)
         self._find, self._finish = find, finish
-        self._last: dict[str, StepLine] = {}  # what became of each step
+        self._last: dict[str, StepLine] = {}  # the newest line of each step, without those of tasks
         self._tasks: dict[str, list[TaskBegun]] = {}
         for line in self._file.lines:
             self._learn(line)
-        self._began_here = set[str]()
-        self._now: list[str] = []  # the steps under way, the innermost last
+        self._begun_in_this_run = set[str]()
+        self._under_way: list[str] = []  # innermost last
 
     def close(self, *, is_finished: bool) -> None:
-        """The mission has ended; a finished one begins anew the next time."""
+        """Close the file. If the mission *is finished*, its next run starts with the first step."""
         self._file.close(is_finished=is_finished)
 
-    def note_task(self, task: TaskHandle) -> None:
-        """A task has been started, perhaps in a step."""
-        if self._now:
+    def record_task(self, task: TaskHandle) -> None:
+        """Record that a task was started, if a step is under way."""
+        if self._under_way:
             begun = TaskBegun(task.name, int(task.id), getattr(task.id, "epoch", ""))
-            self._note(StepLine(self._now[-1], "task", begun))
+            self._record(StepLine(self._under_way[-1], "task", begun))
 
     def skip(self, name: str) -> None:
-        """Take a step as done, without a value."""
+        """Mark a step as done, without a value."""
         check("a step", TEXT, name=name)
-        self._note(StepLine(name, "done"))
+        self._record(StepLine(name, "done"))
 
     def run(
         self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool
     ) -> T:
-        """Do a step by a *call* of the function, unless it was done before: then give its value."""
+        """Do a step by a *call* of its function. Return the recorded value if it was done before.
+
+        With *again*, a step that was interrupted by the end of the program is repeated.
+        """
         check("a step", TEXT, name=name)
         last = self._last.get(name)
-        if name in self._began_here and last is not None and last.is_ != "left":
-            advice = f"give each step its own name, such as f'{name} {{number}}'"
+        if name in self._begun_in_this_run and last is not None and last.is_ != "left":
             raise MisuseError(
-                f"step '{name}' was {last.is_} by this run of the program already: {advice}"
+                f"step '{name}' was {last.is_} by this run of the program already: "
+                f"give each step its own name, such as f'{name} {{number}}'"
             )
         if last is not None and last.is_ == "done":
             return _value(last, function)
         if last is not None and last.is_ == "begun":
-            end = self._look_into(name, is_task=hasattr(function, "task_of_mission"), again=again)
+            end = self._resolve_interrupted(
+                name, is_task=hasattr(function, "task_of_mission"), again=again
+            )
             if end is not None:
-                self._note(line := StepLine(name, "done", end=end))
+                self._record(line := StepLine(name, "done", end=end))
                 return _value(line, function)
         return self._do(name, function, call)
 
-    def _look_into(self, name: str, *, is_task: bool, again: bool) -> TaskEnd | None:
-        """What became of a step that was under way when the program died: the end of the one task
-        that it was; None if it is to be done *again*. Raises StepUncertain.
+    def _resolve_interrupted(self, name: str, *, is_task: bool, again: bool) -> TaskEnd | None:
+        """Find out how a step ended that was under way when the program died.
+
+        Returns the end of its task if the step was one task that completed, or None if the step
+        must be repeated. Raises StepUncertain.
         """
         tasks = self._tasks.get(name, [])
         found = [self._find(task) for task in tasks]
@@ -96,20 +107,20 @@ class Steps:
         )
 
     def _do(self, name: str, function: Callable[..., T], call: Callable[[], T]) -> T:
-        self._began_here.add(name)
-        self._note(StepLine(name, "begun"))
-        self._now.append(name)
+        self._begun_in_this_run.add(name)
+        self._record(StepLine(name, "begun"))
+        self._under_way.append(name)
         try:
-            line = _done(name, call(), function)
+            line = _line_of_done(name, call(), function)
         except BaseException:
-            self._note(StepLine(name, "left"))
+            self._record(StepLine(name, "left"))
             raise
         finally:
-            self._now.pop()
-        self._note(line)
+            self._under_way.pop()
+        self._record(line)
         return _value(line, function)
 
-    def _note(self, line: StepLine) -> None:
+    def _record(self, line: StepLine) -> None:
         self._file.add(line)
         self._learn(line)
 
@@ -123,39 +134,43 @@ class Steps:
 
 
 def _fate(task: TaskHandle | None) -> str:
-    """What became of a task, for people."""
+    """Describe what became of a task."""
     try:
         if task is None:
             return _UNKNOWN
-        return in_words(task.end) if task.end is not None else "is running"
+        return describe_end(task.end) if task.end is not None else "is running"
     except TcaError:
         return _UNKNOWN
 
 
-def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
-    """The line of a step that is done. Raises MisuseError if its value would come back as another
-    one.
+def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
+    """The line of a step that is done.
+
+    Raises MisuseError if the file can't return the same value.
     """
     if isinstance(value, TaskEnd):
         return StepLine(name, "done", end=value)
     try:
         line = StepLine(name, "done", value=msgspec.msgpack.encode(value))
-        kept = _value(line, function)
-        is_same = kept == value or repr(kept) == repr(
-            value
-        )  # NaN is equal to nothing, but has one name
-        why = "" if is_same else f"{value!r:.60} would come back as {kept!r:.60}"
+        restored = _value(line, function)
+        # NaN does not equal itself, so compare its repr.
+        is_same = restored == value or repr(restored) == repr(value)
+        why = "" if is_same else f"{value!r:.60} would be read as {restored!r:.60}"
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         why = f"{error}"
     if why:
-        what = f"step '{name}' does not count as done: its value can't be kept ({why})"
-        raise MisuseError(f"{what}: return plain data, and declare its type")
+        raise MisuseError(
+            f"step '{name}' does not count as done: its value can't be stored ({why}): "
+            "return plain data, and declare its type"
+        )
     return line
 
 
 def _value(line: StepLine, function: Callable[..., T]) -> T:
-    """The value of a step that is done, as its function declares it: the same now and when the
-    mission is resumed.
+    """The value of a step that is done, with the type that its function declares.
+
+    It is decoded from the file's bytes in the first run, too, so that a resumed mission gets the
+    same.
     """
     value: Any = line.end
     if line.value is not None:

@@ -1,17 +1,17 @@
-"""A Python file that tells editors and type checkers of the tasks of a server."""
+"""A Python file that describes the tasks of a server to editors and type checkers."""
 
 import inspect
 import re
 from ast import literal_eval
 from collections.abc import Iterable, Iterator
 
-from tca_behaviours.missions.client.offered_task import OfferedTask, TaskParameter, is_name
+from tca_behaviours.missions.client.offered_task import OfferedTask, TaskParameter, is_identifier
 
 MADE_BY = "Made by 'tca console --stub'"
 
 _HEAD = '''"""The tasks of server '{title}', for editors and type checkers. {made_by}.
 
-Make it anew when they change.
+Generate it again when they change.
 """
 # ruff: noqa
 # fmt: off
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, Optional, Union, overload
 from tca_behaviours.missions import TaskEnd, TaskHandle
 
 if TYPE_CHECKING:
-    from tca_behaviours.missions import BaseMission as Base  # a task that there is not is an error
+    from tca_behaviours.missions import BaseMission as Base  # an unknown task is an error
 else:
     from tca_behaviours.missions import Mission as Base
 
@@ -36,9 +36,9 @@ class {name}(Base):
 
 _TASK = '''
         @overload
-        def {name}({waits}) -> TaskEnd: ...
+        def {name}({foreground}) -> TaskEnd: ...
         @overload
-        def {name}({goes_on}) -> TaskHandle: ...
+        def {name}({background}) -> TaskHandle: ...
         @overload
         def {name}({either}) -> TaskEnd | TaskHandle: ...
         def {name}(self, **parameters: Any) -> Any:
@@ -47,7 +47,7 @@ _TASK = '''
 
 
 def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
-    """The text of the file: a subclass of Mission with a typed method for each task."""
+    """The text of the stub file: a subclass of Mission with a typed method for each task."""
     parts = [
         _HEAD.format(
             title=_in_docstring(server.replace("\n", " ")),
@@ -57,13 +57,15 @@ def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
         )
     ]
     parts += [
-        _method(task) for task in sorted(tasks, key=lambda task: task.name) if is_name(task.name)
+        _method(task)
+        for task in sorted(tasks, key=lambda task: task.name)
+        if is_identifier(task.name)
     ]
     return "".join(parts if len(parts) > 1 else [*parts, "        pass\n"])
 
 
 def _in_docstring(text: str) -> str:
-    """A text as it can stand between three quotes."""
+    """Escape a text so that it can stand between triple quotes."""
     text = (
         text.replace("\\", "\\\\").replace('"""', "'''").replace("\r", "\\r").replace("\0", "\\0")
     )
@@ -71,7 +73,7 @@ def _in_docstring(text: str) -> str:
 
 
 def class_name(server: str) -> str:
-    """The name of the class for a server: "turtle 1" has Turtle1Mission."""
+    """The name of the class for a server: "turtle 1" gives Turtle1Mission."""
     return (
         "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip(
             "0123456789"
@@ -85,25 +87,25 @@ def _method(task: OfferedTask) -> str:
         named = list(_parameters(task, foreground))
         return ", ".join(["self", *(["*"] if named else []), *named])
 
-    waits, goes_on = "Literal[True] = True", "Literal[False]"
+    foreground, background = "Literal[True] = True", "Literal[False]"
     if not task.runs_in_foreground:
-        waits, goes_on = "Literal[True]", "Literal[False] = False"
-    text = _in_docstring(task.in_words).replace("\n", "\n            ")
+        foreground, background = "Literal[True]", "Literal[False] = False"
+    text = _in_docstring(task.help_text).replace("\n", "\n            ")
     return _TASK.format(
         name=task.name,
         help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE),
-        waits=parameters(waits),
-        goes_on=parameters(goes_on),
+        foreground=parameters(foreground),
+        background=parameters(background),
         either=parameters("bool"),
     )
 
 
 def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
-    for one in task.parameters:
-        if one.name == "foreground":
+    for parameter in task.parameters:
+        if parameter.name == "foreground":
             yield f"foreground: {foreground}"
-        elif is_name(one.name):
-            yield f"{one.name}: {_annotation(one)}"
+        elif is_identifier(parameter.name):
+            yield f"{parameter.name}: {_annotation(parameter)}"
 
 
 def _annotation(parameter: TaskParameter) -> str:
@@ -115,9 +117,7 @@ def _annotation(parameter: TaskParameter) -> str:
 
 
 def _is_literal(text: str) -> bool:
-    """Whether a text is a value in Python; not that of ``nan``, which a format may have as a
-    default.
-    """
+    """Whether *text* is a Python literal. A default of ``nan``, which a format may have, is not."""
     try:
         literal_eval(text)
     except (ValueError, SyntaxError):

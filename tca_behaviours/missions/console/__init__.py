@@ -1,1 +1,1 @@
-"""``tca console``: the tasks of a server, typed by a person."""
+"""``tca console``: run the tasks of a server by typing them."""

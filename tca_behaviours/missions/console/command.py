@@ -11,7 +11,7 @@ from tca_tools.errors import extra
 from tca_tools.live.shared import as_usage, central_option
 from tca_tools.output import made_for, write_output
 
-_PATIENCE = 2.0  # seconds that a person waits for the server
+_PATIENCE = 2.0  # seconds to wait for the server: the user waits at the prompt
 
 
 @click.command()
@@ -21,13 +21,13 @@ _PATIENCE = 2.0  # seconds that a person waits for the server
     "--stub",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a Python file that tells editors and type checkers of the tasks, and end.",
+    help="Write a Python file that describes the tasks to editors and type checkers, and exit.",
 )
 def console(server: str, central: str | None, stub: Path | None) -> None:
-    """Run tasks of a server by typing them: all tasks are functions.
+    """Run tasks of a server by typing them: each task is a function.
 
-    index() lists the tasks, status() what runs, help(TASK) explains one. Ctrl-C stops the task that
-    is waited for, Ctrl-D leaves; what still runs in the background is stopped then.
+    index() lists the tasks, status() the running ones, help(TASK) explains one. Ctrl-C stops the
+    task that you wait for. Ctrl-D leaves, and stops all tasks that still run.
     """
     with as_usage():
         mission = Mission(server, name="console", central=central, patience=_PATIENCE)
@@ -36,7 +36,8 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
                 _write(stub, stub_text(mission.server, mission.offered().values()))
             return
         with extra("console", "tca console", package="ipython"):
-            from tca_behaviours.missions.console.shell import run_shell  # noqa: PLC0415 - IPython is an extra
+            # IPython is an extra, so this import comes late.
+            from tca_behaviours.missions.console.shell import run_shell  # noqa: PLC0415
         with mission:
             run_shell(ConsoleNames(mission))
 

@@ -1,4 +1,4 @@
-"""What can be typed at the console: the tasks, ``index``, ``status`` and ``help``."""
+"""The names of the console: the tasks, ``mission``, ``index``, ``status`` and ``help``."""
 
 import pydoc
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from tca_behaviours.missions.client.mission import Mission
 
 
 class ConsoleNames:
-    """The functions of a console, around one mission."""
+    """The functions of a console, for one mission."""
 
     def __init__(self, mission: Mission, show: Callable[[str], object] = print) -> None:
         self.mission = mission
@@ -16,7 +16,7 @@ class ConsoleNames:
 
     @property
     def names(self) -> dict[str, Any]:
-        """All that can be typed."""
+        """All names, with their values."""
         tasks = {name: getattr(self.mission, name) for name in self.mission.offered()}
         return {
             **tasks,
@@ -27,16 +27,14 @@ class ConsoleNames:
         }
 
     def index(self) -> None:
-        """List the tasks that there are."""
+        """List the tasks of the server."""
         tasks = sorted(self.mission.offered().values(), key=lambda task: task.name)
         width = max((len(task.name) for task in tasks), default=0)
         for task in tasks:
             self._show(f"{task.name:{width}}  {task.help.partition(chr(10))[0]}")
 
     def status(self) -> None:
-        """Show the tasks that run, whoever has started them, and the last that this console has
-        started.
-        """
+        """Show the server's running tasks, and the last ended tasks of this console."""
         running = self.mission.running_tasks()
         for task in running:
             self._show(str(task))
@@ -46,20 +44,17 @@ class ConsoleNames:
             self._show(f"{handle} {handle.end_in_words}")
 
     def help(self, task: Any = None) -> None:
-        """Explain a task and its parameters: ``help(GoTo)``. Without one, list what can be
-        typed.
-        """
+        """Explain a task and its parameters: ``help(GoTo)``. Without a task: list the names."""
         if task is None:
             self._show(
-                "index() lists the tasks, status() what runs, help(TASK) explains one; Ctrl-C stops a task that"
+                "index() lists the tasks, status() the running ones, help(TASK) explains one."
             )
-            self._show(
-                "is waited for, Ctrl-D leaves. TASK(..., foreground=False) goes on in the background."
-            )
+            self._show("TASK(..., foreground=False) runs in the background.")
+            self._show("Ctrl-C stops the task that you wait for. Ctrl-D leaves.")
             return
         name = task if isinstance(task, str) else getattr(task, "__name__", "")
         offered = self.mission.offered().get(name)
         if offered is None:
             pydoc.help(task)
             return
-        self._show(f"{offered.name}: {offered.in_words}")
+        self._show(f"{offered.name}: {offered.help_text}")

@@ -1,4 +1,4 @@
-"""The console in IPython. Nothing else imports it."""
+"""The console in IPython. Only the command imports this module: IPython is an extra."""
 
 from typing import Any
 
@@ -11,16 +11,16 @@ from tca_module import TcaError
 
 
 def run_shell(console: ConsoleNames) -> None:
-    """Read and run what is typed, until Ctrl-D."""
+    """Read and run the user's lines, until Ctrl-D."""
     settings = Config()
     settings.TerminalInteractiveShell.confirm_exit = settings.InteractiveShell.enable_tip = False
     names: dict[str, Any] = console.names
-    made: Any = InteractiveShellEmbed
-    shell = made(config=settings, user_ns=names, banner1="", exit_msg="")
+    make_shell: Any = InteractiveShellEmbed
+    shell = make_shell(config=settings, user_ns=names, banner1="", exit_msg="")
     shell.set_custom_exc((TcaError, KeyboardInterrupt), _show_in_one_line)
 
     def learn(*_: object) -> None:
-        """Tasks that have come since the last line are names, too."""
+        """Add the tasks that were offered since the last line."""
         shell.user_ns.update(
             {name: value for name, value in console.names.items() if name not in shell.user_ns}
         )
@@ -38,11 +38,5 @@ def _show_in_one_line(
     *_trace: object,
     **__: object,
 ) -> None:
-    """An error of a mission says what, which and what to do, and Ctrl-C is none: nobody needs the
-    traceback.
-    """
-    print(
-        f"{kind.__name__}: {error}"
-        if str(error)
-        else f"{kind.__name__}: status() shows what still runs"
-    )
+    """Print an error of a mission, or Ctrl-C, without a traceback: the text says what to do."""
+    print(f"{kind.__name__}: {str(error) or 'status() shows the tasks that still run'}")

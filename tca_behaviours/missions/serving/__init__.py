@@ -1,1 +1,1 @@
-"""The server of tasks: definitions, parameters, runs."""
+"""Task servers: definitions, parameters, runs."""

@@ -1,4 +1,6 @@
-"""Task definitions: the classes that a robot's author writes, and what the server makes of each."""
+"""Task definitions: the classes of a robot's tasks, and the message that the server offers for
+each.
+"""
 
 import inspect
 from typing import Any, Generic, Protocol, TypeVar, get_args, get_origin
@@ -14,18 +16,19 @@ E = TypeVar("E", bound=Environment)
 
 
 class RunInterface(Protocol):
-    """The run that a task is in."""
+    """The parts of a run that its task calls."""
 
-    def tell(self) -> None:
-        """The text of the task has changed."""
+    def publish(self) -> None:
+        """Publish the task's new text."""
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, and hear meanwhile what is wanted of the run."""
+        """Sleep, and answer updates and kills of the run in the meantime."""
 
 
 class ServedTask(Generic[E]):
-    """The base of PeriodicTask and OnceTask. Its annotated attributes are parameters, unless they
-    begin with "_".
+    """The base of PeriodicTask and OnceTask.
+
+    Its annotated attributes are the task's parameters, unless their names begin with "_".
     """
 
     env: E
@@ -33,7 +36,7 @@ class ServedTask(Generic[E]):
     task: Task
     """The run as a task of the tree: to send messages with."""
     task_timeout: float = parameter(
-        0.0, "The most seconds that it may run once initialised; 0: any", minimum=0
+        0.0, "The most seconds that it may run after initialise(); 0: no limit", minimum=0
     )
     foreground: bool = parameter(
         True, "Whether it takes the place of the task in the foreground", fixed=True
@@ -43,66 +46,94 @@ class ServedTask(Generic[E]):
     _run: RunInterface
 
     def initialise(self) -> None:
-        """Prepare the run; it may take long. An error means that it could not: then nothing else is
-        called.
+        """Prepare the run; this may take long. If it raises, neither ``iterate`` nor ``terminate``
+        is called.
         """
 
     def iterate(self) -> Status | None:
-        """Do the work; returns the status. Errors and failures end the run."""
+        """Do the work, and return the status. An exception ends the run."""
         raise NotImplementedError
 
     def terminate(self) -> None:
-        """Leave the robot safe. Called once, however the run ends; no kill cuts its waits short."""
+        """Leave the robot safe. Called once, however the run ends; no kill wakes its waits."""
 
     def report(self, text: str) -> None:
-        """Say what is going on, or why something failed: the text of the status."""
+        """Publish a text as the run's status: what it is doing, or why it failed.
+
+        Observers get at most 5 texts a second. The newest text is also part of the run's end.
+        """
         self.status_text = text
-        self._run.tell()
+        self._run.publish()
 
     def failed(self, text: str) -> FailureRaised:
-        """The failure of this run, to be raised: ``raise self.failed("no pose yet")``."""
+        """Make the failure of this run, to be raised: ``raise self.failed("no pose yet")``."""
         return MISSION_TASK_FAILED(text=text)
 
     def sleep(self, seconds: float) -> None:
-        """Let so many seconds pass. Raises TaskKilled or Stopped when the run is to end, after
-        which comes ``terminate``.
+        """Sleep, and let other tasks use the environment in the meantime.
+
+        Args:
+            seconds: How long to sleep.
+
+        Raises:
+            TaskKilled, Stopped: The run must end. Let it through: ``terminate`` is called next.
         """
         self._run.sleep(seconds)
 
 
 class PeriodicTask(ServedTask[E]):
-    """A task whose ``iterate`` is called at a constant rate, until it returns COMPLETED."""
+    """A task whose ``iterate`` is called at a constant rate, until it returns COMPLETED.
+
+    *E* is the class of the environment. Attributes that every task has: ``env``, the environment;
+    ``task``, the run as a task of the tree, to send messages with. Parameters that every periodic
+    task has: ``task_period``, ``task_timeout`` (both in seconds) and ``foreground``.
+
+    Example::
+
+        class Drive(PeriodicTask[Cart]):
+            '''Drive to a place.'''
+
+            goal: float = parameter(0.0, "Where to, in metres", minimum=0, maximum=10)
+
+            def iterate(self) -> Status:
+                self.env.place += max(-0.1, min(0.1, self.goal - self.env.place))
+                return Status.COMPLETED if self.env.place == self.goal else Status.RUNNING
+    """
 
     task_period: float = parameter(
         description="The seconds from one iteration to the next", minimum=0.001
     )
 
     def iterate(self) -> Status:
-        """Do one step, in much less than a period: returns RUNNING, or COMPLETED at the goal."""
+        """Do one step, in much less than a period: return RUNNING, or COMPLETED at the goal."""
         raise NotImplementedError
 
 
 class OnceTask(ServedTask[E]):
-    """A task whose ``iterate`` is called once, and takes the time it needs. When it returns, the
-    task is completed.
+    """A task whose ``iterate`` is called once and takes the time it needs. The task then is
+    completed.
+
+    It has the attributes and parameters of a PeriodicTask, except ``task_period``. Its ``iterate``
+    does not hold ``env.lock``: take the lock where you use the environment.
     """
 
 
 COMMON = ("task_timeout", "foreground", "task_period")
-"""The parameters that every task has; the last one only if it is periodic."""
+"""The parameters that every task has; ``task_period`` only if it is periodic."""
 
 
 class Idle(PeriodicTask[Environment]):
     """Do nothing, for ever."""
 
     def iterate(self) -> Status:
-        """Go on."""
+        """Continue to do nothing."""
         return Status.RUNNING
 
 
 class Definition:
-    """A task as its server offers it: a command with the task's parameters. Raises BadFormat if it
-    can't be one.
+    """A task as its server offers it: a command with the task's parameters.
+
+    Raises BadFormat if the class can't be a command.
     """
 
     def __init__(self, task: type[ServedTask[Any]], server: str, rate: float) -> None:
@@ -124,21 +155,21 @@ class Definition:
         )
 
     def parameters(self, **given: Any) -> Any:
-        """The data of the command: what is not given is left to its default."""
+        """The data of the command. A parameter that is not given gets its default."""
         return self.format.kind(**given)
 
     def create(
         self, environment: Environment, task: Task, parameters: msgspec.Struct
     ) -> ServedTask[Any]:
-        """The task of one run."""
-        made = self.task()
-        made.env, made.task = environment, task
+        """Create the task object of one run."""
+        served = self.task()
+        served.env, served.task = environment, task
         for name, value in (self.format.defaults() | self.format.given_in(parameters)).items():
-            setattr(made, name, value)
-        return made
+            setattr(served, name, value)
+        return served
 
     def why_fixed(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
-        """The reason why a task that runs can't be given these parameters; "" if it can."""
+        """Why a running task can't be given these parameters; "" if it can."""
         changed = [
             name
             for name, value in self.format.given_in(parameters).items()
@@ -148,19 +179,17 @@ class Definition:
         return f"parameter '{fixed[0]}' can't be changed while the task runs" if fixed else ""
 
     def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> Any:
-        """Give a task that runs new values of the parameters that were given; all that it has
-        now.
-        """
+        """Give a running task new values of the given parameters. Returns all its parameters."""
         for name, value in self.format.given_in(parameters).items():
             setattr(served, name, value)
         return self.parameters(**{name: getattr(served, name) for name in self.format.fields})
 
 
 def check_task(task: object) -> type[ServedTask[Any]]:
-    """A class that can be a task. Raises MisuseError."""
+    """Return *task* if it is a class that can be a task. Raises MisuseError."""
     if not (isinstance(task, type) and issubclass(task, ServedTask)):
         raise MisuseError(
-            f"{task!r:.60} is no task: give a class that inherits from PeriodicTask or OnceTask"
+            f"{task!r:.60} is not a task: give a class that inherits from PeriodicTask or OnceTask"
         )
     if not issubclass(task, PeriodicTask | OnceTask):
         raise MisuseError(f"task {task.__name__} must inherit from PeriodicTask or OnceTask")
@@ -174,15 +203,15 @@ def check_task(task: object) -> type[ServedTask[Any]]:
         inspect.signature(task).bind()
     except TypeError:
         raise MisuseError(
-            f"task {task.__name__} needs arguments to be made: prepare in initialise() instead"
+            f"task {task.__name__}: its __init__ needs arguments: prepare in initialise() instead"
         ) from None
     return task
 
 
 def environment_of(task: type) -> type:
-    """The class of the environment that a task wants: *E* of its ``PeriodicTask[E]``."""
-    for one in task.__mro__:
-        for base in vars(one).get("__orig_bases__", ()):
+    """The class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
+    for cls in task.__mro__:
+        for base in vars(cls).get("__orig_bases__", ()):
             origin, wanted = get_origin(base), get_args(base)
             if (
                 isinstance(origin, type)

@@ -1,4 +1,4 @@
-"""The environment: what all tasks of a server share."""
+"""The environment that all tasks of a server share."""
 
 import threading
 
@@ -9,18 +9,30 @@ class Environment:
     """The base of environments: what a robot's tasks share, such as sensors, actuators and
     dimensions.
 
-    *lock* is held in ``initialise``, ``iterate`` and ``terminate`` of periodic tasks. Tasks that
-    run once hold it in ``initialise`` and ``terminate``; their ``iterate`` takes it where it needs
-    it: ``with self.env.lock:``. While a task is in ``self.sleep()``, others may have it.
+    *lock* allows one task at a time. The server holds it during ``initialise``, ``iterate`` and
+    ``terminate`` of a task. The ``iterate`` of a OnceTask is an exception: it takes the lock where
+    it needs it, with ``with self.env.lock:``. ``self.sleep()`` releases the server's hold until it
+    returns.
+
+    Example::
+
+        class Cart(Environment):
+            place = 0.0
     """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
 
     def attach(self, module: Module) -> None:
-        """Called once, with the server's module before it runs: to handle messages and to have
-        functions called, by which sensors are read.
+        """Prepare the server's module before it runs. Called once.
+
+        Override it to handle messages, or to call functions periodically that read sensors.
+
+        Args:
+            module: The module of the server.
         """
 
     def close(self) -> None:
-        """Called when the server has ended, after the last ``terminate``."""
+        """Release what the environment holds. Called when the server has ended, after the last
+        ``terminate``.
+        """

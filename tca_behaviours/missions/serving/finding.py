@@ -1,7 +1,7 @@
-"""Finds the tasks that a server offers: those it was given, those of a folder's files, those of
-installed packages.
+"""Collects the tasks that a server offers: those given to it, of a folder, and of installed
+packages.
 
-A task that can't be offered never stops the others: the log says why.
+A task that can't be offered never stops the others: it is left out and logged.
 """
 
 import importlib.util
@@ -23,11 +23,11 @@ from tca_behaviours.missions.serving.environment import Environment
 from tca_module import BadFormat, MisuseError
 
 ENTRY_POINTS = "tca.missions.tasks"
-"""The group of the entry points of installed packages that are tasks."""
+"""The group of entry points with which installed packages name their tasks."""
 
 
-class Finding:
-    """Collects definitions for a server; the first of a name counts."""
+class TaskFinder:
+    """Collects the definitions for a server. The first task of a name wins."""
 
     def __init__(
         self, server: str, environment: Environment, rate: float, log: logging.Logger
@@ -40,22 +40,23 @@ class Finding:
         self._found_in: dict[str, str] = {}
 
     def add_given(self, tasks: Iterable[type[ServedTask[Any]]]) -> None:
-        """Add tasks of the server's own program. Raises MisuseError, or BadFormat, if one can't be
-        offered.
+        """Add tasks of the server's own program.
+
+        Raises MisuseError, or BadFormat, if one can't be offered.
         """
         for task in tasks:
             self._add(task, "tasks=")
 
     def add_folder(self, folder: Path) -> None:
-        """Add the tasks that the Python files of a folder define; files that begin with "_" are
-        left out.
+        """Add the tasks that a folder's Python files define. Files that begin with "_" are left
+        out.
         """
         if not folder.is_dir():
-            raise MisuseError(f"server '{self._server}': there is no folder {folder}")
+            raise MisuseError(f"server '{self._server}': folder {folder} does not exist")
         for file in sorted(folder.glob("[!_]*.py")):
             try:
                 module = _load(file)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - the file's author reads the log
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - a file may raise anything
                 self._leave_out(f"the tasks of {file} are", error)
                 continue
             for task in _tasks_of(module):
@@ -67,14 +68,14 @@ class Finding:
             where = f"entry point '{entry.name}' ({entry.value})"
             try:
                 task = check_task(entry.load())
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - the package's author reads the log
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - a package may raise anything
                 self._leave_out(f"{where} is", error)
                 continue
             if isinstance(self._environment, environment_of(task)):
                 self._try(task, where)
 
-    def _leave_out(self, what: str, error: BaseException) -> None:
-        self._log.error("%s left out: %s: %s", what, type(error).__name__, error, exc_info=error)
+    def _leave_out(self, subject: str, error: BaseException) -> None:
+        self._log.error("%s left out: %s: %s", subject, type(error).__name__, error, exc_info=error)
 
     def _try(self, task: type[ServedTask[Any]], where: str) -> None:
         try:
@@ -93,7 +94,8 @@ class Finding:
         if not isinstance(self._environment, wanted):
             given = type(self._environment).__name__
             raise MisuseError(
-                f"task {name} wants a {wanted.__name__} as environment, and the server's is a {given}"
+                f"task {name} needs an environment of class {wanted.__name__}, "
+                f"not the server's {given}"
             )
         self.definitions[name] = Definition(task, self._server, self._rate)
         self._found_in[name] = where
@@ -105,7 +107,7 @@ def _load(file: Path) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # the types of parameters are looked up there
+    sys.modules[name] = module  # type hints of parameters are resolved there
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -115,7 +117,7 @@ def _load(file: Path) -> ModuleType:
 
 
 def _tasks_of(module: ModuleType) -> Iterator[type[ServedTask[Any]]]:
-    """The tasks that a file itself defines; a base class for others begins with "_"."""
+    """The tasks that a file itself defines. A name that begins with "_" marks a base class."""
     for value in vars(module).values():
         is_own = isinstance(value, type) and value.__module__ == module.__name__
         if is_own and issubclass(value, ServedTask) and not value.__name__.startswith("_"):

@@ -24,14 +24,15 @@ from tca_wire.messages.formats import MISSION_TASK, Format
 
 T = TypeVar("T")
 
-_NONE: Any = msgspec.NODEFAULT  # as a default of whatever type the attribute has
+_NONE: Any = msgspec.NODEFAULT  # a missing default, whatever the attribute's type
 FIXED = "x-tca-fixed"
-"""The key that a parameter's schema has if it can't be changed while the task runs."""
+"""The key in the schema of a parameter that can't be changed while the task runs."""
 
 
 class Parameter(NamedTuple):
-    """The declaration of a parameter: its default (NODEFAULT: it must be given) and what may be
-    said of its type.
+    """The declaration of a parameter: its default, and constraints of its type.
+
+    The default NODEFAULT means that the parameter must be given.
     """
 
     default: Any
@@ -46,10 +47,16 @@ def parameter(
     maximum: float | None = None,
     fixed: bool = False,
 ) -> T:
-    """Declare a parameter of a task; without a default it must be given. One that is *fixed* can't
-    be changed while the task runs.
+    """Declare a parameter of a task.
 
-    ::
+    Args:
+        default: The value if none is given; without it the parameter must be given.
+        description: A text for the task's help; name the unit in it.
+        minimum: The least value.
+        maximum: The greatest value.
+        fixed: Whether it can't be changed while the task runs; default False.
+
+    Example::
 
         goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
     """
@@ -61,8 +68,9 @@ def parameter(
 
 
 class Field:
-    """A parameter of a task: its type, and its default unless it must be given. Raises BadFormat or
-    BadData.
+    """A parameter of a task: its type, and its default unless it must be given.
+
+    Raises BadFormat or BadData if the type or the default can't be sent.
     """
 
     def __init__(self, hint: Any, default: Any) -> None:
@@ -78,7 +86,7 @@ class Field:
 
     @property
     def default(self) -> Any:
-        """The default, anew each time: a list may be changed by its task."""
+        """A new copy of the default: the task may change a list in place."""
         return self._format.decode(self._default)
 
 
@@ -88,11 +96,13 @@ def fields_of(
     common: Iterable[str],
     defaults: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Field]:
-    """The parameters of a task's class, by name. What *base* has itself is none, but for those that
-    are *common* to all tasks, some of which get their *defaults* here. Raises BadFormat if one
-    can't be.
+    """The parameters of a task's class, by name.
+
+    Attributes of *base* are not parameters, except those that are *common* to all tasks. *defaults*
+    has their defaults where the class has none. Raises BadFormat if an attribute can't be a
+    parameter.
     """
-    given = {name for one in base.__mro__ for name in vars(one).get("__annotations__", {})} - set(
+    given = {name for cls in base.__mro__ for name in vars(cls).get("__annotations__", {})} - set(
         common
     )
     fields = {}
@@ -101,13 +111,12 @@ def fields_of(
             continue
         if name not in common and hasattr(base, name):
             raise BadFormat(
-                f"task {task.__name__}: parameter '{name}' has the name of something that every task has"
+                f"task {task.__name__}: parameter '{name}' hides a method or an attribute "
+                "of every task: choose another name"
             )
         fields[name] = _field(task, name, hint, defaults.get(name, msgspec.NODEFAULT))
     for name in given & vars(task).keys():
-        raise BadFormat(
-            f"task {task.__name__}: '{name}' is given by the server: choose another name"
-        )
+        raise BadFormat(f"task {task.__name__}: the server sets '{name}': choose another name")
     return fields
 
 
@@ -121,8 +130,8 @@ def _hints(task: type) -> dict[str, Any]:
 
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
-    """A parameter; a class that inherits it may give it another default only."""
-    given = [vars(one)[name] for one in task.__mro__ if name in vars(one)]
+    """A parameter. A class that inherits it may change its default only."""
+    given = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
     declared = next((one for one in given if isinstance(one, Parameter)), None)
     if declared is not None:
         hint = Annotated[hint, declared.meta]
@@ -145,8 +154,10 @@ def help_of(task: type) -> str:
 
 
 class TaskFormat(Format[Any]):
-    """The format of a task's parameters, with a marker for missions. What a sender leaves out stays
-    out: then the server takes its default, or for a task that runs the present value.
+    """The format of a task's parameters, with a marker by which missions recognise it.
+
+    A parameter that the sender leaves out is not sent. The server then uses its default; in an
+    update of a running task, the present value.
     """
 
     def __init__(self, task: type, fields: Mapping[str, Field], marker: Mapping[str, Any]) -> None:
@@ -164,11 +175,11 @@ class TaskFormat(Format[Any]):
         self.schema = json.dumps(schema, sort_keys=True, separators=(",", ":"))
 
     def defaults(self) -> dict[str, Any]:
-        """The parameters that need not be given, by name."""
+        """The defaults of the parameters that have one, by name."""
         return {name: field.default for name, field in self.fields.items() if not field.is_required}
 
     def given_in(self, parameters: msgspec.Struct) -> dict[str, Any]:
-        """The parameters that were given, by name."""
+        """The parameters that the sender has given, by name."""
         values = {name: getattr(parameters, name) for name in self.fields}
         return {name: value for name, value in values.items() if value is not msgspec.UNSET}
 
@@ -177,7 +188,7 @@ def _struct_of(task: type, fields: Mapping[str, Field]) -> type[msgspec.Struct]:
     rows: list[Any] = [
         (name, field.hint)
         if field.is_required
-        else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - of any hint
+        else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - any hint
         for name, field in fields.items()
     ]
     namespace, module = {"__doc__": help_of(task)}, task.__module__

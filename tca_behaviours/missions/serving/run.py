@@ -1,4 +1,4 @@
-"""One run of a task: initialise, iterate, terminate, with all the ways in which it may end."""
+"""One run of a task: initialise, iterate, terminate, however it ends."""
 
 import contextlib
 import logging
@@ -20,15 +20,15 @@ from tca_module import Callback, FailureRaised, Task
 from tca_module.period import Period
 
 StartTimer = Callable[[float, Callable[[Callback], object]], Callback]
-"""Has a function called after so many seconds, in another thread."""
+"""Calls a function after a number of seconds, in another thread."""
 
-_TOLD_EVERY = 0.2  # seconds between two words to those who follow a run, at least
-_PATIENCE = 5.0  # seconds that a task waits for the environment without a word
-_RETURNS_WITHIN = 2.0  # seconds that iterate() may go on after task_timeout without a word
+_STATUS_PERIOD = 0.2  # the least seconds between two reports of a run's status
+_PATIENCE = 5.0  # seconds that a task waits for the environment between two warnings
+_RETURNS_WITHIN = 2.0  # seconds after task_timeout until a running iterate() is logged
 
 
 class TaskRun:
-    """A task while it runs."""
+    """A running task."""
 
     def __init__(
         self,
@@ -39,21 +39,22 @@ class TaskRun:
     ) -> None:
         self.definition = definition
         self.served = served
-        served._run = self  # noqa: SLF001 - it is the task's own
+        served._run = self  # noqa: SLF001 - the task's own run
         self.task: Task = served.task
         self.status = Status.NEWBORN
-        self.overruns = 0  #: number of periods that were missed
+        self.overruns = 0  #: the number of periods that were missed
         self._start_timer = start_timer
         self._log = log
         self._is_ending = False
-        self._doing = ""  #: the method that has the environment
+        self._method = ""  #: the method that holds the environment's lock
         self._thread = threading.get_ident()
-        self._told = TaskStatus()  #: what followers know
-        self._may_tell = 0.0  #: from then on
+        self._published = TaskStatus()  #: the status that observers know
+        self._publish_from = 0.0  #: the earliest time of the next status
 
     def carry_out(self) -> TaskEnd:
-        """Run to the end, and terminate whatever happens. Raises the failure, or what woke the
-        task.
+        """Run the task to its end, and terminate it whatever happens.
+
+        Raises its failure, or the exception that woke it.
         """
         self._initialise()
         try:
@@ -94,9 +95,8 @@ class TaskRun:
             due = period.next(now, served.task_period)
             self._count_overruns(period, now - was_due)
             self._wait_until(min(due, began + served.task_timeout) if served.task_timeout else due)
-            if (
-                served.task_timeout and self.task.time() >= began + served.task_timeout
-            ):  # it may have changed
+            # Read task_timeout again: an update may have changed it during the wait.
+            if served.task_timeout and self.task.time() >= began + served.task_timeout:
                 raise self._timeout()
 
     def _count_overruns(self, period: Period, took: float) -> None:
@@ -125,24 +125,25 @@ class TaskRun:
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
-        """A block that the log names if it goes on when ``task_timeout`` has passed: nothing ends
-        an iterate() that hangs.
+        """A block that is logged if it has not ended soon after ``task_timeout``.
+
+        Nothing can end an iterate() that hangs; the log at least names it.
         """
         began, seconds = self.task.time(), self.served.task_timeout
         timer: Callback | None = None
 
-        def look(callback: Callback) -> None:
+        def warn_if_late(callback: Callback) -> None:
             nonlocal timer
-            seconds = self.served.task_timeout  # it may have changed
-            left = began + seconds + _RETURNS_WITHIN - callback.time()
-            if seconds and left > 0 and not self._is_ending:
-                timer = self._start_timer(left, look)
+            seconds = self.served.task_timeout  # an update may have changed it
+            remaining = began + seconds + _RETURNS_WITHIN - callback.time()
+            if seconds and remaining > 0 and not self._is_ending:
+                timer = self._start_timer(remaining, warn_if_late)
             elif seconds and not self._is_ending:
                 text = "%s: task_timeout of %g s has passed and iterate() has not returned"
                 self._log.warning(text, self.task, seconds)
 
         if seconds:
-            timer = self._start_timer(seconds + _RETURNS_WITHIN, look)
+            timer = self._start_timer(seconds + _RETURNS_WITHIN, warn_if_late)
         try:
             yield
         finally:
@@ -163,49 +164,50 @@ class TaskRun:
             )
         raise self.served.failed(self._with_text(f"iterate() returned {returned.name}"))
 
-    # --- talking ----------------------------------------------------------------------------------
+    # --- reports ----------------------------------------------------------------------------------
 
-    def tell(self) -> None:
-        """Tell followers how things stand, if that has changed; not too often: what is left out
-        comes with the next iteration.
+    def publish(self) -> None:
+        """Publish the run's status if it has changed, but not too often.
+
+        A status that comes too early is left out: the next iteration publishes it.
         """
         if self._is_ending or threading.get_ident() != self._thread:
-            return  # what a thread of the task's own says is told later
+            return  # another thread of the task: the next iteration publishes its text
         status = TaskStatus(self.served.status_text, self.overruns, self.status)
         if (
-            status != self._told
+            status != self._published
             and self.status is not Status.NEWBORN
-            and self.task.time() >= self._may_tell
+            and self.task.time() >= self._publish_from
         ):
-            self._told, self._may_tell = status, self.task.time() + _TOLD_EVERY
+            self._published, self._publish_from = status, self.task.time() + _STATUS_PERIOD
             self.task.report(status)
 
-    def tell_wait(self, for_whom: str) -> None:
-        """It can't begin yet, because of another task; "": now it can."""
-        self._told = TaskStatus(
+    def publish_wait(self, for_whom: str) -> None:
+        """Publish that the run waits for the task *for_whom*; "": it waits no longer."""
+        self._published = TaskStatus(
             f"waits until {for_whom} has terminated" if for_whom else "", status=Status.NEWBORN
         )
-        self.task.report(self._told)
+        self.task.report(self._published)
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, and hear meanwhile what is wanted of the run. Others may have the
-        environment until then.
+        """Sleep, and answer updates and kills in the meantime. Releases the environment's lock
+        until then.
         """
-        doing, moment = self._doing, self.task.time() + seconds
-        if not doing:
+        method, moment = self._method, self.task.time() + seconds
+        if not method:
             self._wait_until(moment)
             return
         self.served.env.lock.release()
         try:
             self._wait_until(moment)
         finally:
-            self._lock(doing)
+            self._lock(method)
 
     def _wait_until(self, moment: float) -> None:
         if self._is_ending:
             self.task.sleep_until(moment)
             return
-        self.tell()
+        self.publish()
         while (
             request := self.task.wait_for_request(max(0.0, moment - self.task.time()))
         ) is not None:
@@ -223,7 +225,7 @@ class TaskRun:
             self.served.terminate()
 
     def _terminate_after(self, error: BaseException) -> None:
-        """Call ``terminate``, and keep an error of its own beside *error*."""
+        """Call ``terminate`` after *error*. An error of its own becomes a note of *error*."""
         self._is_ending = True
         self.status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
         if self.task.cancelled:
@@ -231,25 +233,25 @@ class TaskRun:
         try:
             with self.task.shielded(), self._environment("terminate"):
                 self.served.terminate()
-        except Exception as second:  # noqa: BLE001 - the error that ended the run counts
+        except Exception as second:  # noqa: BLE001 - only a note of the error that ended the run
             self._log.exception("terminate() of %s failed", self.task)
             error.add_note(f"terminate() failed, too: {type(second).__name__}: {second}")
 
     @contextlib.contextmanager
-    def _environment(self, what: str) -> Iterator[None]:
+    def _environment(self, method: str) -> Iterator[None]:
         """A block in which no other task uses the environment. A long wait for it is logged."""
-        self._lock(what)
-        self._doing = what
+        self._lock(method)
+        self._method = method
         try:
             yield
         finally:
-            self._doing = ""
+            self._method = ""
             self.served.env.lock.release()
 
-    def _lock(self, what: str) -> None:
+    def _lock(self, method: str) -> None:
         while not self.served.env.lock.acquire(timeout=_PATIENCE):
             self._log.warning(
-                "%s() of %s waits for env.lock, which another task holds", what, self.task
+                "%s() of %s waits for env.lock, which another task holds", method, self.task
             )
 
     # --- words ------------------------------------------------------------------------------------

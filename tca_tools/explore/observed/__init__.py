@@ -1,1 +1,1 @@
-"""The state of a run from the facts that central records."""
+"""The state of a run, derived from the facts that central records."""

@@ -1,10 +1,8 @@
-"""The world that properties of a scenario see after an action: that of ``tca check``, without ids,
-ages and times.
+"""The world that properties see after an action: that of ``tca check`` without ids and times.
 
-States that differ only in ids, orders and absolute times are explored once, so properties may see
-none of that:
-messages come in an order that the state gives, not by age, and ids can only be compared. A property
-that looks at the time makes it part of the state.
+States that differ only in ids, orders and absolute times are explored once, so these differences
+are hidden. Messages come in an order that follows from the state, not from their age. Ids can only
+be compared. A property that reads the time makes it part of the state.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,11 +17,11 @@ from tca_tools.properties.algebra import Breach
 from tca_tools.properties.world import Found, MessageView, Predicate
 from tca_wire.points import Moment
 
-_DIGITS = 6  # of seconds
+_DIGITS = 6  # decimals of a time in seconds
 
 
 class Name:
-    """Says which message is meant, and nothing else: an id is another number in each run."""
+    """An id that can only be compared: its number differs from run to run."""
 
     __slots__ = ("_number",)
 
@@ -36,15 +34,15 @@ class Name:
         return self._number == other._number
 
     def __hash__(self) -> int:
-        return 0  # that of the number would show in the order of sets
+        return 0  # a hash of the number would show in the order of sets
 
     def __repr__(self) -> str:
         return "an id"
 
     def _refuse(self, *_: object) -> NoReturn:
         raise TypeError(
-            "an id is another number in each run: it can be compared with other ids (==) and nothing else; "
-            "world.parent(task) and world.children(task) give relatives"
+            "an id has another number in each run, so it can only be compared with other ids (==); "
+            "use world.parent(task) and world.children(task) for relatives"
         )
 
     __lt__ = __le__ = __gt__ = __ge__ = __int__ = __index__ = __float__ = _refuse
@@ -52,20 +50,18 @@ class Name:
 
 
 SEEN = tuple(MessageView.__annotations__)
-"""What properties see of the record of a message; ids come as names."""
+"""The attributes of a message's record that properties see, with ids as ``Name``."""
 _FETCH = attrgetter(*SEEN)
 
 
 class Seen(MessageView):
-    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or
-    multi-query.
-    """
+    """A message under way: a task, query or inform, or one copy of a broadcast or multi-query."""
 
     def __init__(self, record: MessageRecord) -> None:
         vars(self).update(zip(SEEN, _FETCH(record), strict=True))
         self.id, self.parent_id = Name(record.id), Name(record.parent_id)
         self.about = Name(record.about)
-        """Where central sent it: the failing, tapped, killed or monitoring task."""
+        """The failing, tapped, killed or monitoring task because of which central sent it."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Seen) and vars(self) == vars(other)
@@ -77,13 +73,13 @@ class Seen(MessageView):
         return self.message
 
 
-class TakenRequest(msgspec.Struct, frozen=True):
-    """A request that central has taken."""
+class AcceptedRequest(msgspec.Struct, frozen=True):
+    """A request of a script that central has accepted."""
 
     sender: str
-    """The module that asked."""
+    """The module that made the request."""
     call: str
-    """The call of the module library by which it did: "kill", "on_termination", ..."""
+    """The module library's call that made it: "kill", "on_termination", ..."""
 
 
 class Held(msgspec.Struct, frozen=True):
@@ -92,13 +88,14 @@ class Held(msgspec.Struct, frozen=True):
     module: str
     resource: str
     sender: str
-    """The module that has it."""
+    """The module that holds it."""
     is_reserved: bool
 
 
 class Messages:
-    """Some messages, in an order that means nothing: what is older can't be told. Iterate, count,
-    or look for one.
+    """A collection of messages without an order: supports iteration, ``len()`` and ``in``.
+
+    Which message is older does not show.
     """
 
     def __init__(self, seen: list[Seen]) -> None:
@@ -111,78 +108,84 @@ class Messages:
         return len(self._seen)
 
     def __contains__(self, seen: object) -> bool:
-        return any(seen is one or seen == one for one in self._seen)
+        return any(seen is known or seen == known for known in self._seen)
 
     def __getitem__(self, place: object) -> NoReturn:
         raise TypeError(
-            "messages have no order here: choose by what they are, as in [task for task in world.tasks if "
-            "task.message == 'walk']"
+            "messages have no order here: select them by their attributes, as in "
+            "[task for task in world.tasks if task.message == 'walk']"
         )
 
 
 class World:
-    """The messages under way. What ended with the last action is still there; what ended before is
-    not.
-    """
+    """The messages under way after an action, with those that ended with this action."""
 
     def __init__(
         self,
         known: JournalWorld,
         order: dict[int, int],
-        taken: TakenRequest | None = None,
-        look: Callable[[], None] = lambda: None,
+        taken: AcceptedRequest | None = None,
+        on_time_read: Callable[[], None] = lambda: None,
     ) -> None:
         self._known = known
         self.taken = taken
-        """The request of a script that central took with the last action; None if there was none,
-        or it was refused or too late.
+        """The script's request that central accepted with the last action, or None.
+
+        A request that was refused or came too late was not accepted.
         """
-        self._look = look  #: called when somebody looks at the time
-        # Messages from before the last action come in the order of the state before it; the rest as
-        # they were sent.
+        self._on_time_read = on_time_read  #: called when a property reads the time
+        # Messages from before the last action keep the order of the state before it; newer ones
+        # follow in the order in which they were sent.
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: Seen(known.items[key]) for key in keys}
 
     def true_of(self, predicate: Predicate) -> Found:
-        """The value of a predicate."""
+        """Return the value of *predicate* in this world."""
         return Found.of(predicate(self))
 
-    newly = (
-        true_of  # whatever is true of what ended or came with the last action is so for this one
-    )
+    # Predicates that are counted (sent, retried, ...) are true for one action only, so each match
+    # is a new one.
+    newly = true_of
 
     @property
     def messages(self) -> Messages:
-        """Everything under way."""
+        """All messages under way."""
         return Messages(list(self._seen.values()))
 
     @property
     def tasks(self) -> Messages:
-        """The tasks among them."""
+        """All tasks under way."""
         return Messages([seen for seen in self._seen.values() if seen.is_task])
 
     def parent(self, task: Seen) -> Seen | None:
-        """The task that *task* is under; None: the root."""
+        """Return the parent of *task*; None if it is the root."""
         return next((seen for seen in self._seen.values() if seen.id == task.parent_id), None)
 
     def children(self, task: Seen) -> Messages:
-        """The tasks under *task*."""
+        """Return the tasks directly under *task*."""
         return Messages(
             [seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id]
         )
 
     def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
-        """The constraints on *task*: which of its moments comes no sooner than which moment of
-        which task (None: one that has ended). Those with a delay are not among them.
+        """Return the constraints on *task*, without those that have a delay.
+
+        Returns:
+            For each constraint, a moment of *task*, the moment that must be reached first, and the
+            task of that moment; None for a task that has ended.
         """
-        of = {seen.id: key for key, seen in self._seen.items()}
-        held = [
-            hold.constraint for hold in self._known.items[of[task.id]].holds if hold.due is None
+        keys = {seen.id: key for key, seen in self._seen.items()}
+        constraints = [
+            hold.constraint for hold in self._known.items[keys[task.id]].holds if hold.due is None
         ]
         return [
-            (one.after.moment, one.before.moment, self._seen.get(one.before.task))
-            for one in held
-            if not one.delay
+            (
+                constraint.after.moment,
+                constraint.before.moment,
+                self._seen.get(constraint.before.task),
+            )
+            for constraint in constraints
+            if not constraint.delay
         ]
 
     @property
@@ -195,27 +198,31 @@ class World:
 
     @property
     def modules(self) -> tuple[str, ...]:
-        """The modules that are connected, by name."""
+        """The names of the connected modules, sorted."""
         return tuple(sorted(self._known.modules))
 
     @property
     def passed(self) -> float:
-        """Seconds that passed with the last action."""
+        """The seconds that passed with the last action."""
         return round(self._known.passed, _DIGITS)
 
     @property
     def now(self) -> float:
-        """Seconds since the run began. A property that looks at it makes each time another state,
-        and a scenario in which time never stops endless: ``within`` does not.
+        """Seconds since the run began.
+
+        A property that reads it makes the time part of the state. A scenario in which time passes
+        forever then has no end of states. ``within`` needs no such time.
         """
-        self._look()
+        self._on_time_read()
         return round(self._known.now, _DIGITS)
 
 
-def breach_in_words(breach: Breach) -> str:
-    """The error in words, and its messages with their ids."""
+def describe_breach(breach: Breach) -> str:
+    """Return the error in words, and its messages with their ids."""
     names = ", ".join(
-        f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
-        for one in breach.messages
+        f"{message.message} {{{int(message.id._number)}}}"  # noqa: SLF001
+        if isinstance(message, Seen)
+        else str(message)
+        for message in breach.messages
     )
     return ": ".join(part for part in (breach.what, names) if part)

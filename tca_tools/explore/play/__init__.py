@@ -1,1 +1,1 @@
-"""One run of a scenario, action by action."""
+"""One run of a scenario, played action by action."""

@@ -1,6 +1,4 @@
-"""The scripts under way in a run (actors), the connections that they act on (lines), and the runs
-of modules.
-"""
+"""The running scripts of a play (actors), their connections (lines), and the runs of modules."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -22,64 +20,67 @@ from tca_wire.points import TaskId
 
 @dataclass(eq=False)
 class OpenRequest:
-    """A request of a script that wants an answer: the answers that it has not read."""
+    """A request whose answer is awaited later, with the answers that its script has not read."""
 
     number: RequestNumber
     header: Any
-    unread: deque[steps.Got] = field(default_factory=deque)
-    is_over: bool = False  #: nothing more comes
-    taken: str = ""  #: of a lock that was granted: how it was lost
+    unread: deque[steps.StepResult] = field(default_factory=deque)
+    is_over: bool = False  #: no further answer follows
+    taken: str = ""  #: why a granted lock was taken away
 
 
 class Actor:
-    """A script under way."""
+    """A running script."""
 
     def __init__(
         self,
         program: Program,
-        given: steps.Given,
+        given: steps.HandlerInput,
         delivery: int = 0,
         task: TaskId = TaskId(0),  # noqa: B008
     ) -> None:
         self.program = program
-        self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
-        self.task = task  #: that it handles; 0: none
-        self.known: list[TaskId] = []  #: other things it has heard of, by place
-        self.life = program.beginning(given)
-        self.requests: dict[
-            int, OpenRequest
-        ] = {}  #: by place; those of which nothing more can come are left out
-        self.asked = 0  #: how many there were
-        self.step: steps.Step | None = None  #: that it is waiting to get something for
-        self.number = RequestNumber(0)  #: of what it has just asked
-        self.late_at: float | None = None  #: when it waits no longer
-        self.is_told = False  #: that its task was killed
+        self.delivery = delivery  #: the delivery that it handles; 0 for a program of a module
+        self.task = task  #: the task that it handles; 0 for none
+        self.known: list[TaskId] = []  #: the other ids that it has learned, by place
+        self.script_run = program.start(given)
+        #: By place: the requests that may still get an answer, or whose lock may be released.
+        self.requests: dict[int, OpenRequest] = {}
+        self.asked = 0  #: the number of such requests so far
+        self.step: steps.Step | None = None  #: the step whose result it waits for
+        self.number = RequestNumber(0)  #: the request that central has not replied to
+        self.times_out_at: float | None = None  #: the end of its wait; None for none
+        self.is_killed = False  #: its task was killed
         self.is_ending = False  #: its module leaves
-        self.was_told = False  #: one of these, when it last got something
-        self.knows = False  #: that its task was killed: it has read that, or was woken
-        self.knows_end = False  #: that its module ends, in the same way
-        self.wishes: deque[steps.Got] = deque()  #: of clients, that it has not read
-        self.uses: deque[str] = deque()  #: of the reply that it leaves to others, in their words
-        self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
+        self.was_ending = False  #: it was killed or ending when it last received a result
+        self.knows_of_kill = False  #: it has read that its task was killed, or was woken by that
+        self.knows_of_module_end = False  #: the same of the end of its module
+        self.client_requests: deque[steps.StepResult] = deque()  #: the unread requests of clients
+        #: What other scripts say of the reply that it owes.
+        self.reply_uses: deque[str] = deque()
+        #: Whether its task was suspended, at the last result and after each change since.
+        self.suspended: tuple[bool, ...] = (False,)
 
     @property
     def branches(self) -> tuple[steps.Branch, ...]:
         """How it may go on. Raises ScenarioError."""
-        return self.program.branches(self.life)
+        return self.program.branches(self.script_run)
 
     @property
     def awaited(self) -> OpenRequest | None:
         """The request whose answer it waits for."""
-        return self.requests[self.step.request] if isinstance(self.step, steps.Await) else None
+        return (
+            self.requests[self.step.request] if isinstance(self.step, steps.AwaitAnswer) else None
+        )
 
-    def may_take(self, branch: steps.Branch) -> bool:
+    def can_take(self, branch: steps.Branch) -> bool:
         """Whether *branch* reads of a kill, and of its suspension, only what it can have been
         told.
         """
         read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
         if not (
-            (self.is_told or self.is_ending or 1 not in read)
-            and (not self.was_told or 0 not in read)
+            (self.is_killed or self.is_ending or 1 not in read)
+            and (not self.was_ending or 0 not in read)
         ):
             return False
         return all(
@@ -87,8 +88,9 @@ class Actor:
         )
 
     def is_woken_from(self, request: OpenRequest) -> bool:
-        """Whether it waits no longer for an answer because its task was killed, or its module ends:
-        once for each, as Connection.wait has it.
+        """Whether a kill, or the end of the module, interrupts the wait for *request*.
+
+        Each interrupts one wait, as in ``Connection.wait``.
         """
         if not isinstance(request.header, WAITS_FOR_OTHERS):
             return False
@@ -98,98 +100,100 @@ class Actor:
 
     @property
     def _is_woken_by_kill(self) -> bool:
-        return self.is_told and not self.knows
+        return self.is_killed and not self.knows_of_kill
 
     @property
     def _is_woken_by_end(self) -> bool:
-        return self.is_ending and not self.knows_end
+        return self.is_ending and not self.knows_of_module_end
 
-    def wish(self, got: steps.Got) -> None:
-        """A client wants something of its task."""
-        self.wishes.append(got)
-        if isinstance(self.step, steps.ReadWish):
-            self.get(self.wishes.popleft())
+    def queue_request(self, got: steps.StepResult) -> None:
+        """Queue a client's request to its task, or receive it if it waits for one."""
+        self.client_requests.append(got)
+        if isinstance(self.step, steps.ReadClientRequest):
+            self.receive(self.client_requests.popleft())
 
-    def wake_from_look(self) -> None:
-        """It waits no longer for what clients want: its task was killed, or its module ends; once
-        for each. Where it owes its reply, that has failed when its module ends.
+    def wake_from_read(self) -> None:
+        """Interrupt a wait for clients if its task was killed or its module ends; once for each.
+
+        An owed reply fails when the module ends.
         """
         by_kill = self._is_woken_by_kill
-        if isinstance(self.step, steps.ReadWish) and (by_kill or self._is_woken_by_end):
-            self.learn()
-            self.get(steps.Got(self.step.kind, is_woken=True, module_ends=not by_kill))
-        elif isinstance(self.step, steps.Owe) and self.is_ending:
-            self.get(steps.Got(self.step.kind, module_ends=True))
+        if isinstance(self.step, steps.ReadClientRequest) and (by_kill or self._is_woken_by_end):
+            self.notice_end()
+            self.receive(steps.StepResult(self.step.kind, is_woken=True, module_ends=not by_kill))
+        elif isinstance(self.step, steps.OweReply) and self.is_ending:
+            self.receive(steps.StepResult(self.step.kind, module_ends=True))
 
-    def use(self, *words: str) -> None:
-        """Others say these *words* of the reply that it leaves to them."""
-        self.uses.extend(words)
-        if isinstance(self.step, steps.Owe) and self.uses:
-            self.get(steps.Got(self.step.kind, words=self.uses.popleft()))
-        self.wake_from_look()
+    def use_reply(self, *words: str) -> None:
+        """Queue another script's *words* about the reply that it owes, and read the next ones."""
+        self.reply_uses.extend(words)
+        if isinstance(self.step, steps.OweReply) and self.reply_uses:
+            self.receive(steps.StepResult(self.step.kind, words=self.reply_uses.popleft()))
+        self.wake_from_read()
 
-    def learn(self) -> None:
-        """It knows all by now."""
-        self.knows, self.knows_end = self.is_told, self.is_ending
+    def notice_end(self) -> None:
+        """Mark that the script knows of its kill and of the end of its module."""
+        self.knows_of_kill, self.knows_of_module_end = self.is_killed, self.is_ending
 
-    def be_told(self, *, module_ends: bool = False) -> None:
-        """It is to end: its task was killed, or its module ends."""
-        self.is_told, self.is_ending = (
-            self.is_told or not module_ends,
+    def request_end(self, *, module_ends: bool = False) -> None:
+        """Signal to the script that it must end: its task was killed, or its module ends."""
+        self.is_killed, self.is_ending = (
+            self.is_killed or not module_ends,
             self.is_ending or module_ends,
         )
-        if self.suspended[-1]:  # it is to end, not to hold
+        if self.suspended[-1]:  # it must end now, not pause
             self.suspended = (*self.suspended, False)
-        self.wake_from_look()
+        self.wake_from_read()
 
     def ask(self, request: OpenRequest) -> None:
-        """It has made a request."""
+        """Store a request that the script has made."""
         self.requests[self.asked] = request
         self.asked += 1
 
     def read(self) -> None:
-        """It gets the answer that is there to what it waits for, or is woken."""
-        assert isinstance(self.step, steps.Await)
+        """Receive the next answer to the request that it waits for, or the interruption."""
+        assert isinstance(self.step, steps.AwaitAnswer)
         place = self.step.request
         request = self.requests[place]
         if self.is_woken_from(request):
-            answer = request.unread.popleft() if request.unread else steps.Got(self.step.kind)
+            answer = (
+                request.unread.popleft() if request.unread else steps.StepResult(self.step.kind)
+            )
             answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
-            self.learn()
-            self.get(answer)
+            self.notice_end()
+            self.receive(answer)
         else:
-            self.get(request.unread.popleft())
-        if (
-            request.is_over and not request.unread and not isinstance(request.header, Lock)
-        ):  # one can be given back
+            self.receive(request.unread.popleft())
+        # A granted lock stays, as it can be released.
+        if request.is_over and not request.unread and not isinstance(request.header, Lock):
             del self.requests[place]
 
-    def lives(self, *got: steps.Got) -> None:
-        """That is part of its life now."""
-        if any(one.kind == CANCELLED and one.choice for one in got):
-            self.learn()
-        self.life = self.program.live(self.life, *got)
+    def record(self, *got: steps.StepResult) -> None:
+        """Add results to the script's run."""
+        if any(result.kind == CANCELLED and result.choice for result in got):
+            self.notice_end()
+        self.script_run = self.program.extend(self.script_run, *got)
 
-    def get(self, got: steps.Got) -> None:
-        """Something came back for its step."""
-        self.lives(got)
-        self.step, self.number, self.late_at = None, RequestNumber(0), None
-        self.was_told = self.is_told or self.is_ending
+    def receive(self, got: steps.StepResult) -> None:
+        """Receive the result of its step."""
+        self.record(got)
+        self.step, self.number, self.times_out_at = None, RequestNumber(0), None
+        self.was_ending = self.is_killed or self.is_ending
         self.suspended = self.suspended[-1:]
 
     def digest(self, before: bytes | None = None) -> bytes:
-        """What it did and got, after what was there *before*; the same in all explorations."""
-        lived = repr((before, self.program.name, self.life.given, self.life.history()))
-        return blake2b(lived.encode(), digest_size=16).digest()
+        """Return a digest of its run and of *before*; equal in all explorations."""
+        run = repr((before, self.program.name, self.script_run.given, self.script_run.history()))
+        return blake2b(run.encode(), digest_size=16).digest()
 
-    def real(self, name: int) -> TaskId:
-        """Central's id of what the script names."""
+    def real_id(self, name: int) -> TaskId:
+        """Return central's id for a name of the script."""
         if name == steps.OWN:
             return self.task
         return self.known[steps.place_of(name)] if name < steps.OWN else TaskId(name)
 
-    def name(self, real: int) -> TaskId:
-        """The script's name for what central calls so."""
+    def script_name(self, real: int) -> TaskId:
+        """Return the script's name for an id of central."""
         if not real or real == self.task:
             return steps.OWN if real else TaskId(0)
         task = TaskId(MessageId(real))
@@ -200,87 +204,86 @@ class Actor:
 
 @dataclass(eq=False)
 class ModuleLine:
-    """A connection of a module's run to central, and what is being done on it."""
+    """A connection of a module's run to central, with its scripts."""
 
     name: str
     run: "ModuleRun"
-    stack: list[Actor] = field(default_factory=list)  #: each began while the one before it waited
-    delivered: deque[Actor] = field(default_factory=deque)  #: not begun yet
-    inbox: SlotInbox | None = None  #: of a slot that may have messages ahead
+    #: The started scripts; each started while the one before it waited.
+    stack: list[Actor] = field(default_factory=list)
+    delivered: deque[Actor] = field(default_factory=deque)  #: not started yet
+    inbox: SlotInbox | None = None  #: of a slot with a prefetch
 
     @property
     def actors(self) -> list[Actor]:
-        """All of them, in the order in which they came."""
+        """All scripts, in the order in which they arrived."""
         return [*self.stack, *self.delivered]
 
     @property
     def is_idle(self) -> bool:
-        """Whether it may end. What it has not begun goes to another: that is explored where
-        messages may be ahead.
-        """
+        """Whether the connection may close. With a prefetch, messages not started do not count."""
         return not (
-            self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended
+            self.actors
+            if self.inbox is None
+            else self.stack or self.inbox.session.held_replies.ended
         )
 
     @property
     def actor(self) -> Actor | None:
-        """Whose turn it is: the newest that has begun or, where that one waits, the next."""
+        """The script whose turn it is: the newest started one or, if that waits, the next."""
         newest = self.stack[-1] if self.stack else None
-        if self.delivered and (newest is None or isinstance(newest.step, steps.Await)):
+        if self.delivered and (newest is None or isinstance(newest.step, steps.AwaitAnswer)):
             return self.delivered[0]
         return newest
 
-    def begin(self, actor: Actor) -> None:
-        """It is its turn."""
+    def start(self, actor: Actor) -> None:
+        """Move a delivered script to the stack."""
         if self.delivered and self.delivered[0] is actor:
             self.stack.append(self.delivered.popleft())
 
     def clear(self) -> None:
-        """Nothing is done here any more."""
+        """Remove all scripts."""
         self.stack.clear()
         self.delivered.clear()
         self.inbox = None
 
 
 class ModuleRun:
-    """One run of a module's program, from its start until its last connection has ended."""
+    """One run of a module's program, from its start until its last connection is closed."""
 
     def __init__(self, module: ScenarioModule, number: int) -> None:
         self.module = module
         self.name = module.name if number == 1 else f"{module.name} run {number}"
-        self.lines: list[
-            ModuleLine
-        ] = []  #: those that central has not seen end; the module's own first
+        self.lines: list[ModuleLine] = []  #: the open connections, the module's own first
         self.steps_joined = 0
-        self.first = deque(module.first)  #: programs to run before it handles anything
+        self.first = deque(module.start_programs)  #: programs to run before it handles anything
         self.is_alive = True
         self.is_leaving = False
 
     @property
     def is_joined(self) -> bool:
-        """Whether it has said hello; and, where it handles anything, what, and has said hello for
+        """Whether it has completed all its steps of joining.
+
+        These are a hello of its own and, if it handles anything, its registration and a hello of
         each slot.
         """
-        is_serving = self.module.formats or self.module.first
+        is_serving = self.module.formats or self.module.start_programs
         return self.steps_joined == (2 + len(self.module.slots) if is_serving else 1)
 
     @property
     def is_starting(self) -> bool:
-        """Whether it does what it does before it handles anything."""
+        """Whether it runs the programs that come before its registration."""
         is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
         return is_first and bool(self.first or self.lines[0].actors)
 
-    def may_say_goodbye(self) -> list[ModuleLine]:
-        """Those of its lines that may end now because it leaves: what does nothing, its own line
-        last.
-        """
+    def closable_lines(self) -> list[ModuleLine]:
+        """Return the lines that a leaving module may close now: idle slots, then its own."""
         if not self.is_leaving:
             return []
         own, *slots = self.lines
         return [line for line in slots if line.is_idle] if slots else [own]
 
     def die(self) -> None:
-        """Its process is gone, and with it all that it was doing."""
+        """End the process with all its scripts."""
         self.is_alive = False
         for line in self.lines:
             line.clear()

@@ -1,6 +1,4 @@
-"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is
-play.py says.
-"""
+"""The requests of scripts to central, and its answers; ``play.py`` decides which script runs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,12 +8,12 @@ from msgspec.structs import replace
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
 from tca_module.errors import NIL
-from tca_tools.check.events import take_event
+from tca_tools.check.events import check_event
 from tca_tools.check.handling import check_locks
 from tca_tools.check.world import JournalWorld
 from tca_tools.explore.errors import CentralFault, ScenarioError
 from tca_tools.explore.observed.observer import Observer
-from tca_tools.explore.observed.world import TakenRequest
+from tca_tools.explore.observed.world import AcceptedRequest
 from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
 from tca_tools.explore.play.identifiers import (
     MessageId,
@@ -36,8 +34,8 @@ from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.points import TaskId
 
 OBSERVER = ConnectionId(b"observer")
-"""The connection of the module that is told of all states."""
-_AWAITED, _LOOK = steps.Await(0).kind, steps.ReadWish().kind
+"""The connection of the module that observes the states of all tasks."""
+_AWAITED, _READ = steps.AwaitAnswer(0).kind, steps.ReadClientRequest().kind
 
 
 class Exchange:
@@ -45,45 +43,45 @@ class Exchange:
 
     def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
-        self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
+        # Central does not search for deadlocks here: ``never_stuck()`` finds them.
+        self.central.search_delay = 0
         self.central.tree.newest = MessageId(0)
-        self.central.dispatcher.messages_ahead.trusts_all = (
-            True  # how long handlers took is no part of the state
-        )
+        # Every handler counts as quick, because their durations are no part of the state.
+        self.central.dispatcher.prefetcher.trusts_all = True
         self.world = JournalWorld([], is_whole=True)
         self.observer: Observer | None = None
-        self.taken: TakenRequest | None = (
-            None  #: the request that central took with the last action
-        )
+        #: The request that central accepted with the last action.
+        self.taken: AcceptedRequest | None = None
         self.now = 0.0  #: seconds since the run began
-        self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
-        self.lived: dict[
-            str, bytes
-        ] = {}  #: by line: what its scripts did and got, where messages may be ahead
+        self.lines: dict[str, ModuleLine] = {}  #: by name: the open connections
+        #: By line: a digest of its ended scripts, if a module has a prefetch.
+        self.digests: dict[str, bytes] = {}
         self.facts: list[Fact] = []  #: recorded with the last action
         self.scenario = scenario
         self._known = scenario.messages()  #: messages that some module handles
         self._number = RequestNumber(0)
 
     def next_number(self) -> RequestNumber:
-        """The number of a new request."""
+        """Return the number of a new request."""
         self._number += 1
         return self._number
 
     def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
-        """Let central receive something; what came of it."""
+        """Let central receive a header from *line*; return the effects."""
         inbox = self.lines[line].inbox if line in self.lines else None
         if inbox is None:
             return self.handle(RequestReceived(self.now, connection_of(line), header, body))
-        return [] if inbox.say(header, body) else self.post(line, inbox)
+        return [] if inbox.send(header, body) else self.flush(line, inbox)
 
-    def post(self, line: str, inbox: SlotInbox) -> list[Effect]:
-        """Let central receive what a slot's session says; what came of it."""
-        said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
-        return [effect for event in said for effect in self.handle(event)]
+    def flush(self, line: str, inbox: SlotInbox) -> list[Effect]:
+        """Let central receive what the session of a slot sends; return the effects."""
+        events = [
+            RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()
+        ]
+        return [effect for event in events for effect in self.handle(event)]
 
     def handle(self, event: Event) -> list[Effect]:
-        """Let central handle an event, and everybody get what it sends; what came of it."""
+        """Let central handle an event, and connections receive its packets; return the effects."""
         try:
             effects = self.central.handle(event)
         except Exception as error:
@@ -93,7 +91,7 @@ class Exchange:
                 self._record(effect.entry)
             else:
                 if effect.connection == OBSERVER and self.observer is not None:
-                    self.observer.hear(effect.header, effect.body)
+                    self.observer.receive(effect.header, effect.body)
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
                     self._send(line, effect.header, effect.body)
@@ -101,68 +99,69 @@ class Exchange:
 
     def _send(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
         if line.inbox is None:
-            self._get(line, header, body)
-        elif not line.inbox.put(header, body):
-            self.hear(line, line.inbox, header, body)
+            self._on_packet(line, header, body)
+        elif not line.inbox.enqueue(header, body):
+            self.receive_packet(line, line.inbox, header, body)
 
-    def hear(
+    def receive_packet(
         self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes
     ) -> None:
-        """A slot gets a packet from central."""
-        if inbox.hear(header, body):
-            self._get(line, header, body)
-        self.post(line.name, inbox)
+        """Let a slot receive a packet from central."""
+        if inbox.receive(header, body):
+            self._on_packet(line, header, body)
+        self.flush(line.name, inbox)
 
-    def _get(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
-        if get := _GET.get(type(header)):
+    def _on_packet(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if get := _ON_PACKET.get(type(header)):
             get(self, line, header, body)
 
-    def give_back(self, line: ModuleLine, inbox: SlotInbox) -> None:
-        """A slot that leaves gives back what it has ahead."""
-        if inbox.session.ahead:
-            inbox.session.give_back()
-            self.post(line.name, inbox)
+    def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """Return the prefetched messages of a slot that leaves."""
+        if inbox.session.prefetched:
+            inbox.session.return_prefetched()
+            self.flush(line.name, inbox)
 
-    def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
-        """The error if a slot has other messages than central has given it: nothing is lost, and
-        nothing is twice.
+    def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:
+        """Return an error if a slot has other messages than central has sent it; "" if not.
+
+        The comparison finds messages that are lost or handled twice.
         """
-        has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
-        given = sorted(given_to(self.central, line.name))
-        if has == given:
+        present = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
+        sent = sorted(deliveries_given_to(self.central, line.name))
+        if present == sent:
             return ""
         with numbers_shown():
-            return f"{line.name} has {has}, and central has given it {given}"
+            return f"{line.name} has {present}, but central has sent it {sent}"
 
-    def begin_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
-        """A slot begins with the next message that it has ahead."""
-        header, body = inbox.begin_next()
-        self._get_delivery(line, header, body)
-        line.begin(line.delivered[0])
+    def start_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """Let a slot start its next prefetched message."""
+        header, body = inbox.start_next()
+        self._on_delivery(line, header, body)
+        line.start(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]
         assert slot.resource is not None
-        if (
-            item := self.world.known(header.delivery)
-        ) is not None:  # central is told of that with its reply
+        # Central learns of the start only with the reply, so the world checks locks now.
+        item = self.world.known(header.delivery)
+        if item is not None:
+            place = self.world.place(slot.module.name, slot.resource.name)
             with numbers_shown():
-                check_locks(
-                    self.world, item, self.world.place(slot.module.name, slot.resource.name)
-                )
+                check_locks(self.world, item, place)
 
     def _record(self, entry: Entry) -> None:
         self.facts += entry.facts
         with numbers_shown():
-            take_event(self.world, entry)
+            check_event(self.world, entry)
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def take(self, line: ModuleLine, actor: Actor) -> None:
-        """An actor takes the step that it is at."""
-        _TAKE[type(actor.step)](self, line, actor, actor.step)
+    def carry_out(self, line: ModuleLine, actor: Actor) -> None:
+        """Carry out the step of an actor."""
+        _CARRY_OUT[type(actor.step)](self, line, actor, actor.step)
 
-    def go_on(self, line: ModuleLine) -> None:
-        """Play the parts that are no action: a script awaits or reads something, or ends if it
-        handles nothing.
+    def advance(self, line: ModuleLine) -> None:
+        """Play the steps that are no action of their own.
+
+        These are waits, reads of answers, and the end of a script that handles nothing.
         """
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
@@ -175,14 +174,14 @@ class Exchange:
             if len(branches) != 1 or branches[0].decisions:
                 return
             step = branches[0].step
-            if isinstance(step, steps.Await | steps.Owe):
+            if isinstance(step, steps.AwaitAnswer | steps.OweReply):
                 actor.step = step
-                self.take(line, actor)
-            elif isinstance(step, steps.Know):
-                actor.learn()
-                actor.get(steps.Got(step.kind))
+                self.carry_out(line, actor)
+            elif isinstance(step, steps.NoticeKill):
+                actor.notice_end()
+                actor.receive(steps.StepResult(step.kind))
             elif isinstance(step, steps.Return) and not actor.delivery:
-                self._end(line)
+                self._finish_script(line)
             else:
                 return
 
@@ -190,40 +189,42 @@ class Exchange:
         self._declare(line, step)
         if isinstance(step.header, headers.Lock):
             self._check_lock(step.header)
-        header = renamed(step.header, actor.real)
+        header = renamed(step.header, actor.real_id)
         if getattr(header, "origin", 0):
             header = replace(header, origin=actor.delivery)
-        if step.is_told:
-            actor.get(steps.Got(step.kind))
+        if step.is_one_way:
+            actor.receive(steps.StepResult(step.kind))
         else:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
                 actor.ask(OpenRequest(number, header))
-                actor.get(steps.Got(step.kind))
+                actor.receive(steps.StepResult(step.kind))
             else:
                 actor.number = number
-        if not any(map(_declines, self.receive(line.name, header, step.body))):
-            self.taken = TakenRequest(line.run.name, call_of(header))
+        if not any(map(_is_refusal, self.receive(line.name, header, step.body))):
+            self.taken = AcceptedRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
-        """A module that is lost takes its resources along; one that nobody ever has is a
-        mistake.
+        """Raise ScenarioError for a lock of a resource that no module of the scenario has.
+
+        A resource may also be missing because its module was lost, which is no mistake.
         """
         owners = self.scenario.owners(header.resource)
         if not owners or header.module not in ("", *owners):
-            whose = f"module '{header.module}'" if header.module else "no module"
+            owner = f"module '{header.module}'" if header.module else "the scenario"
             raise ScenarioError(
-                f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
-                "lock or reserve one that is there"
+                f"{owner} has no resource '{header.resource}' that handles something: "
+                "lock or reserve an existing one"
             )
         if not header.module and len(owners) > 1:
             raise ScenarioError(
-                f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
+                f"modules {', '.join(owners)} have a resource '{header.resource}': "
+                "choose one with module="
             )
 
     def _declare(self, line: ModuleLine, step: steps.Ask) -> None:
-        """A module declares a message when it first uses it."""
+        """Declare the messages of a step that central does not know yet."""
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
         for message in step.declares:
@@ -231,33 +232,41 @@ class Exchange:
                 is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
             )
             if message.name not in self._known and not is_free:
-                text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
-                raise ScenarioError(f"{text} scenario handles: give one a handler for it")
+                raise ScenarioError(
+                    f"{line.run.name} sends {message.message_class} '{message.name}', which no "
+                    "module of the scenario handles: add a handler for it"
+                )
         formats = [message.format for message in step.declares]
         new = [
-            one for one in formats if one.name not in registry or registry[one.name].format != one
+            declared
+            for declared in formats
+            if declared.name not in registry or registry[declared.name].format != declared
         ]
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
-    def _await(self, _line: ModuleLine, actor: Actor, step: steps.Await | steps.ReadWish) -> None:
-        actor.late_at = None if step.seconds is None else self.now + step.seconds
+    def _await(
+        self, _line: ModuleLine, actor: Actor, step: steps.AwaitAnswer | steps.ReadClientRequest
+    ) -> None:
+        actor.times_out_at = None if step.seconds is None else self.now + step.seconds
 
-    def _look(self, line: ModuleLine, actor: Actor, step: steps.ReadWish) -> None:
-        """A script reads what a client wants of its task."""
-        if actor.wishes:
-            actor.get(actor.wishes.popleft())
+    def _read_client_request(
+        self, line: ModuleLine, actor: Actor, step: steps.ReadClientRequest
+    ) -> None:
+        """Let a script read a client's request to its task, or wait for one."""
+        if actor.client_requests:
+            actor.receive(actor.client_requests.popleft())
         elif not step.waits:
-            actor.get(steps.Got(step.kind))
+            actor.receive(steps.StepResult(step.kind))
         else:
             self._await(line, actor, step)
-            actor.wake_from_look()
+            actor.wake_from_read()
 
-    def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
+    def _on_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.wish(
-                steps.Got(
-                    _LOOK,
+            actor.queue_request(
+                steps.StepResult(
+                    _READ,
                     text=header.text,
                     body=body,
                     choice=header.serial,
@@ -265,27 +274,29 @@ class Exchange:
                 )
             )
 
-    def _give_up(self, line: ModuleLine, actor: Actor, step: steps.GiveUp) -> None:
+    def _abandon(self, line: ModuleLine, actor: Actor, step: steps.Abandon) -> None:
         request = actor.requests.pop(step.request)
-        actor.get(steps.Got(step.kind, text=request.taken))
+        actor.receive(steps.StepResult(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
-    def _end(self, line: ModuleLine) -> None:
-        """The script whose turn it is is over."""
+    def _finish_script(self, line: ModuleLine) -> None:
+        """Remove the script whose turn it is: it has ended."""
         actor = line.stack.pop()
-        if self.scenario.has_messages_ahead:
-            self.lived[line.name] = actor.digest(self.lived.get(line.name))
+        if self.scenario.has_prefetch:
+            self.digests[line.name] = actor.digest(self.digests.get(line.name))
 
     def _return(self, line: ModuleLine, actor: Actor, step: steps.Return) -> None:
-        self._end(line)
+        self._finish_script(line)
         if actor.delivery:
             self._reply(line, actor, step.body)
 
     def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
-        """A handler returned: see Slot of tca_module. One that knew that its module ends may have
-        done half of it.
+        """Send the reply of a handler that has returned, as a slot of tca_module does.
+
+        A handler that knew of the end of its module may have done only half of its work, so it
+        fails.
         """
-        if actor.knows_end and not actor.is_told:
+        if actor.knows_of_module_end and not actor.is_killed:
             self.receive(
                 line.name,
                 headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"),
@@ -294,9 +305,9 @@ class Exchange:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
     def _fail(self, line: ModuleLine, actor: Actor, step: steps.Fail) -> None:
-        self._end(line)
-        if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
-            actor.learn()
+        self._finish_script(line)
+        if actor.delivery and step.was_killed and (actor.is_killed or actor.is_ending):
+            actor.notice_end()
             self._reply(line, actor, NIL)
         elif actor.delivery:
             header = headers.Fail(
@@ -304,85 +315,90 @@ class Exchange:
             )
             self.receive(line.name, header, step.body)
         elif not line.run.is_joined:
-            raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
+            raise ScenarioError(f"this error ends the module: {step.failure}: {step.text}")
 
-    def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKept) -> None:
-        """The handlers' own scripts do that, some time later."""
-        for one in (one for each in line.run.lines for one in each.stack):
-            if one.program is line.run.module.handlers.get(step.message):
-                one.use(step.words)
-        actor.get(steps.Got(step.kind))
+    def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKeptReplies) -> None:
+        """Pass *step* to the handlers' scripts, which use their replies later."""
+        for handler in (actor for each in line.run.lines for actor in each.stack):
+            if handler.program is line.run.module.handlers.get(step.message):
+                handler.use_reply(step.words)
+        actor.receive(steps.StepResult(step.kind))
 
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
-        """It never gets anything for that step."""
+        """Do nothing: this step never has a result."""
 
     # --- answers ----------------------------------------------------------------------------------
 
-    def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
+    def _on_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         accepts = any(
-            one.accepts for one in line.run.module.formats if one.message == header.message
+            handler.accepts
+            for handler in line.run.module.formats
+            if handler.message == header.message
         )
-        given = steps.Given(body, bool(header.task), accepts)
+        given = steps.HandlerInput(body, bool(header.task), accepts)
         actor = Actor(program, given, header.delivery, header.task)
-        context = renamed(header.context, actor.name)
-        actor.life = program.beginning(replace(given, context=context))
+        context = renamed(header.context, actor.script_name)
+        actor.script_run = program.start(replace(given, context=context))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
-            actor.be_told(module_ends=True)
+            actor.request_end(module_ends=True)
         line.delivered.append(actor)
 
-    def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
+    def _on_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         if (actor := _asking(line, header.number)) is not None and isinstance(
             actor.step, steps.Ask
         ):
-            is_change = isinstance(
-                actor.step.header, ChangeState
-            )  # its answer is a number of changes
-            made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
-            actor.get(steps.Got(actor.step.kind, id=made))
-        self._answer(line, header.number, steps.Got(_AWAITED, id=TaskId(0)))
+            # The reply to a change of state has a number of changes in place of an id.
+            is_change = isinstance(actor.step.header, ChangeState)
+            created = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
+            actor.receive(steps.StepResult(actor.step.kind, id=created))
+        self._answer(line, header.number, steps.StepResult(_AWAITED, id=TaskId(0)))
 
-    def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
+    def _on_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
         if (actor := _asking(line, header.number)) is not None and actor.step is not None:
-            actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
+            actor.receive(steps.StepResult(actor.step.kind, header.refusal, header.text))
         elif (
-            not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text))
+            not self._answer(
+                line, header.number, steps.StepResult(_AWAITED, header.refusal, header.text)
+            )
             and header.number
         ):
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
-    def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
+    def _on_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
         self._answer(
-            line, header.number, steps.Got(_AWAITED, answer=replace(header, number=0), body=body)
+            line,
+            header.number,
+            steps.StepResult(_AWAITED, answer=replace(header, number=0), body=body),
         )
 
-    def _answer(self, line: ModuleLine, number: int, got: steps.Got) -> bool:
-        """Whether somebody wanted that answer."""
+    def _answer(self, line: ModuleLine, number: int, got: steps.StepResult) -> bool:
+        """Queue an answer for the actor that awaits it; return whether there is one."""
         for actor, request in _requests(line, number):
             if not request.is_over:
                 if isinstance(request.header, headers.Inspect) and got.body:
-                    got = replace(got, body=renamed_rows(got.body, actor.name))
+                    got = replace(got, body=renamed_rows(got.body, actor.script_name))
                 request.unread.append(got)
                 request.is_over = got.is_over
                 return True
         return False
 
-    def _get_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
+    def _on_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.be_told()
+            actor.request_end()
 
-    def _get_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
+    def _on_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
         for _actor, request in _requests(line, header.number):
             request.taken = header.text
 
-    def _get_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
+    def _on_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
             actor.suspended = (*actor.suspended, header.is_suspended)
 
 
 def _asking(line: ModuleLine, number: int) -> Actor | None:
-    """The actor that waits for central's word of a request of that number."""
+    """Return the actor that waits for central's reply to the request of that number."""
     return next((actor for actor in line.actors if number and actor.number == number), None)
 
 
@@ -392,52 +408,54 @@ def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:
 
 def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
     return [
-        (actor, one)
+        (actor, request)
         for actor in line.actors
-        for one in actor.requests.values()
-        if one.number == number
+        for request in actor.requests.values()
+        if request.number == number
     ]
 
 
 def connection_of(name: str) -> ConnectionId:
-    """The id by which central knows a line."""
+    """Return central's id of the line with that name."""
     return ConnectionId(name.encode())
 
 
-def given_to(central: Central, line: str) -> list[int]:
-    """The deliveries that central has given to a slot."""
+def deliveries_given_to(central: Central, line: str) -> list[int]:
+    """Return the deliveries that central has sent to a slot and that are not over."""
     slot = central.registry.connections[connection_of(line)]
     ahead = (
-        slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+        slot.resource.prefetched
+        if slot.resource is not None and slot.resource.prefetching_slot is slot
+        else ()
     )
-    return [delivery.given_as for delivery in (*slot.handling, *ahead)]
+    return [delivery.handling_id for delivery in (*slot.handling, *ahead)]
 
 
-def _declines(effect: Effect) -> bool:
-    """Whether central refuses a request, or says that it came too late to change anything."""
-    told = effect.entry.facts if isinstance(effect, Record) else ()
-    return any(isinstance(fact, Ignored | RequestRefused) for fact in told)
+def _is_refusal(effect: Effect) -> bool:
+    """Whether central refuses a request, or records that it came too late to change anything."""
+    facts = effect.entry.facts if isinstance(effect, Record) else ()
+    return any(isinstance(fact, Ignored | RequestRefused) for fact in facts)
 
 
 # ruff: noqa: SLF001
-_TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
+_CARRY_OUT: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     steps.Ask: Exchange._ask,
-    steps.Await: Exchange._await,
-    steps.ReadWish: Exchange._look,
-    steps.GiveUp: Exchange._give_up,
+    steps.AwaitAnswer: Exchange._await,
+    steps.ReadClientRequest: Exchange._read_client_request,
+    steps.Abandon: Exchange._abandon,
     steps.Return: Exchange._return,
     steps.Fail: Exchange._fail,
     steps.Hang: Exchange._hang,
-    steps.Owe: lambda _exchange, _line, actor, _step: actor.use(),
-    steps.UseKept: Exchange._use_kept,
+    steps.OweReply: lambda _exchange, _line, actor, _step: actor.use_reply(),
+    steps.UseKeptReplies: Exchange._use_kept,
 }
-_GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
-    headers.Deliver: Exchange._get_delivery,
-    Requested: Exchange._get_requested,
-    headers.Accepted: Exchange._get_accepted,
-    headers.Refused: Exchange._get_refused,
-    headers.Answer: Exchange._get_answer,
-    headers.Cancelled: Exchange._get_cancelled,
-    headers.Suspended: Exchange._get_suspended,
-    headers.Taken: Exchange._get_taken,
+_ON_PACKET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
+    headers.Deliver: Exchange._on_delivery,
+    Requested: Exchange._on_requested,
+    headers.Accepted: Exchange._on_accepted,
+    headers.Refused: Exchange._on_refused,
+    headers.Answer: Exchange._on_answer,
+    headers.Cancelled: Exchange._on_cancelled,
+    headers.Suspended: Exchange._on_suspended,
+    headers.Taken: Exchange._on_taken,
 }

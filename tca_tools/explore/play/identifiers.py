@@ -1,9 +1,10 @@
-"""Numbers that are names. Central copies and counts them like any number, and they can still be
-told from counts.
+"""Numbers that only identify something, as ``int`` subclasses.
 
-They differ from run to run, so scripts must not see them, or they would be other scripts in each
-run: in headers, answers and contexts they are replaced by the script's own names, and central's
-texts do not have them.
+Central copies and counts them like any number; by their type they still differ from counts.
+
+They differ from run to run, so scripts must not see them: a script would act differently in each
+run. Headers, answers and contexts contain the script's own names instead. Central's texts contain
+"…" in their place.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ _are_shown = ContextVar("_are_shown", default=False)
 
 @contextmanager
 def numbers_shown() -> Iterator[None]:
-    """Texts that are made meanwhile have these numbers: they are for people."""
+    """Show the numbers in texts that are created in the ``with`` block, for users to read."""
     token = _are_shown.set(True)
     try:
         yield
@@ -27,7 +28,7 @@ def numbers_shown() -> Iterator[None]:
 
 
 class Identifier(int):
-    """A number that only names something: what matters is which are equal, not what they are."""
+    """A number that only identifies something: its value has no meaning."""
 
     __slots__ = ()
 
@@ -39,13 +40,13 @@ class Identifier(int):
 
 
 class MessageId(Identifier):
-    """Names a message or delivery in central."""
+    """Identifies a message or delivery in central."""
 
     __slots__ = ()
 
 
 class RequestNumber(Identifier):
-    """Names a request of a connection."""
+    """Identifies a request of a connection."""
 
     __slots__ = ()
 
@@ -53,17 +54,18 @@ class RequestNumber(Identifier):
 Rename = Callable[[int], int]
 
 _NAMING = frozenset(("task", "parent", "monitor", "id"))
-"""The fields of headers and their parts that name a task, an exception handler or a wiretap."""
+"""The fields of headers and their parts with the id of a task, exception handler or wiretap."""
 
 _PLAIN = (str, bytes, float, bool)
 
 
 def renamed(value: Any, rename: Rename) -> Any:
-    """A header or part of one, with other ids; ids that are 0 or -1 name no task but the root, and
-    the new one.
+    """Return a header, or a part of one, with each id replaced by *rename*.
+
+    It is not called for 0. The ids 0 and -1 stand for the root and the task that is being sent.
     """
     if type(value) is list:
-        return [renamed(one, rename) for one in value]
+        return [renamed(item, rename) for item in value]
     if not isinstance(value, msgspec.Struct):
         return value
     changes = {}
@@ -78,7 +80,7 @@ def renamed(value: Any, rename: Rename) -> Any:
 
 
 def renamed_rows(body: bytes, rename: Rename) -> bytes:
-    """Central's rows on a task's relatives, with renamed tasks."""
+    """Return central's rows about relatives of a task, with each id replaced by *rename*."""
     rows = msgspec.msgpack.decode(body)
     for row in rows:
         row["task"], row["parent"] = rename(row["task"]), rename(row["parent"])

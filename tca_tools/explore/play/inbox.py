@@ -1,9 +1,8 @@
-"""The packets from central to a slot that may have messages ahead, and the library's own session,
-which reads them.
+"""The packets from central to a slot with a prefetch, and the library's session that reads them.
 
-Other connections hear central at once. Here a packet may be under way for a while, and replies may
-be held until a turn ends, to leave together. What a slot says reaches central at once here, too:
-what it does before that, nobody can see.
+Other connections receive central's packets at once. Here a packet may be in transit for a while,
+and the session may hold replies, to send them together. Packets from the slot reach central at
+once: the effects of a delay could not be observed.
 """
 
 from collections import deque
@@ -16,64 +15,61 @@ Item = tuple[Any, bytes]
 
 
 class SlotInbox:
-    """One slot's packets and session."""
+    """The packets and the session of one slot."""
 
     def __init__(self, hello: headers.Hello) -> None:
         self.session = Session(hello)
-        self.under_way: deque[Item] = deque()
-        self.in_turn = 0  #: the delivery whose reply may be held
+        self.in_transit: deque[Item] = deque()
+        self.last_started = 0  #: the delivery whose reply the session may hold
 
-    def put(self, header: Any, body: bytes) -> bool:
-        """Central has sent a packet; whether it is under way for a while. An answer for which the
-        slot waits, and a message when it is free, might as well be heard at once, if nothing is
-        before them.
+    def enqueue(self, header: Any, body: bytes) -> bool:
+        """Store a packet from central if it is in transit for a while; return whether it is.
+
+        A packet that is not about prefetched messages arrives at once if none is in transit: a
+        delay would make no difference.
         """
-        is_later = bool(self.under_way) or _is_about_what_is_ahead(header)
+        is_later = bool(self.in_transit) or _is_about_prefetch(header)
         if is_later:
-            self.under_way.append((header, body))
+            self.in_transit.append((header, body))
         return is_later
 
-    def hear(self, header: Any, body: bytes) -> bool:
-        """A packet has come; whether it is one for scripts."""
+    def receive(self, header: Any, body: bytes) -> bool:
+        """Process a packet that arrives; return whether it concerns scripts."""
         if isinstance(header, headers.Welcome | headers.Deliver | headers.Recall):
             self.session.receive(header, body, 0.0)
             self.session.routing.clear()
-            self.session.deliveries.clear()  # they are scripts now
-        return not _is_about_what_is_ahead(header)
+            self.session.deliveries.clear()  # scripts play these deliveries
+        return not _is_about_prefetch(header)
 
-    def begin_next(self) -> Item:
-        """Begin with the next message that is ahead."""
-        header, body = self.session.ahead.popleft()
-        self.in_turn = header.delivery
-        self.session.held.begin(header.delivery, 0.0)
+    def start_next(self) -> Item:
+        """Start the next prefetched message."""
+        header, body = self.session.prefetched.popleft()
+        self.last_started = header.delivery
+        self.session.held_replies.begin(header.delivery, 0.0)
         return header, body
 
-    def say(self, header: headers.ToCentral, body: bytes) -> bool:
-        """A script says something to central, which is among ``outgoing`` then; whether it is
-        held.
-        """
+    def send(self, header: headers.ToCentral, body: bytes) -> bool:
+        """Queue a header of a script for ``outgoing``; return whether the session holds it."""
         if isinstance(header, headers.Reply | headers.Fail):
             return self.session.reply(header, body) and self.session.has_next
-        self.session.make_way(header)
+        self.session.return_before_claim(header)
         self.session.outgoing.append((header, body))
         return False
 
     def outgoing(self) -> list[Item]:
-        """What goes to central now."""
-        return self.session.take_outgoing(float)
+        """Remove and return the items to send to central now."""
+        return self.session.pop_outgoing(float)
 
     @property
     def state(self) -> list[Any]:
-        """All of it that matters."""
-        ahead = [header.delivery for header, _ in self.session.ahead]
-        return [self.in_turn, ahead, [*self.session.outgoing], *self.under_way]
+        """The part of the inbox that influences what happens next."""
+        ahead = [header.delivery for header, _ in self.session.prefetched]
+        return [self.last_started, ahead, [*self.session.outgoing], *self.in_transit]
 
     @property
     def deliveries(self) -> list[int]:
-        """Those that came ahead, or are under way, and are not begun, and those whose replies are
-        held.
-        """
-        packets = (*self.session.outgoing, *self.session.ahead, *self.under_way)
+        """The deliveries that are in transit or prefetched, or whose reply is held."""
+        packets = (*self.session.outgoing, *self.session.prefetched, *self.in_transit)
         return [
             header.delivery
             for header, _ in packets
@@ -81,7 +77,7 @@ class SlotInbox:
         ]
 
 
-def _is_about_what_is_ahead(header: Any) -> bool:
+def _is_about_prefetch(header: Any) -> bool:
     return isinstance(header, headers.Recall) or (
         isinstance(header, headers.Deliver) and header.ahead > 0
     )

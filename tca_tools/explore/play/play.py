@@ -1,10 +1,9 @@
-"""One run of a scenario, at one moment: central, the modules and their scripts, and what may happen
-next.
+"""One state of a run: central, the modules, their scripts, and the actions that are possible next.
 
-An action is one thing that happens: a script takes its next step, a module joins, a connection
-breaks, time passes to what is due next. Central handles it at once, and what it sends is received
-at once: since all goes through central, interleavings differ only in the order in which it receives
-things. Equal actions on equal runs have equal results.
+An action is a script's next step, a step of joining, a connection that breaks, time that passes to
+the next event, and the like. Central handles it at once, and its packets arrive at once. Everything
+goes through central, so interleavings differ only in the order in which central receives things.
+Equal actions on equal runs have equal results.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,14 +20,14 @@ from tca_tools.explore.play.exchange import OBSERVER, Exchange, connection_of
 from tca_tools.explore.play.identifiers import numbers_shown
 from tca_tools.explore.play.inbox import SlotInbox
 from tca_tools.explore.scenario.scenario import Scenario
-from tca_tools.explore.scenario.steps import Given, Got, ScriptRun
+from tca_tools.explore.scenario.steps import HandlerInput, ScriptRun, StepResult
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
 
-SOMEBODY = "somebody"
-"""The module that kills and suspends what may be."""
+OPERATOR = "the operator"
+"""The module that kills and suspends tasks where the scenario allows that."""
 
 NOTHING = b"\xc0"  # None as MessagePack
 
@@ -36,49 +35,47 @@ NOTHING = b"\xc0"  # None as MessagePack
 class ActionKind(StrEnum):
     """The kind of an action."""
 
-    STEP = "step"  # a script goes on
-    HEAR = "hear"  # a slot with messages ahead gets the next packet from central
-    BEGIN = "begin"  # and begins with the next of these messages
-    ANSWER = "answer"  # and sends the replies that it has held
-    TIME = "time"  # time passes until something is due
-    LATE = "late"  # a script has waited for as long as it wanted to
+    STEP = "step"  # a script continues
+    RECEIVE = "receive"  # a slot with a prefetch receives the next packet from central
+    START = "start"  # such a slot starts its next prefetched message
+    REPLY = "reply"  # such a slot sends the replies that it holds
+    TIME = "time"  # time passes until the next event is due
+    TIMEOUT = "timeout"  # the wait of a script times out
     JOIN = "join"  # a run of a module takes its next step of joining
-    BREAK = "break"  # a connection breaks: its module dies with it, or has
-    LEAVE = "leave"  # a module begins to leave
-    BYE = "bye"  # a connection of a leaving module says goodbye
-    KILL = "kill"  # somebody kills a task
-    SUSPEND = "suspend"  # somebody suspends a task
-    RESUME = "resume"  # and resumes it
+    BREAK = "break"  # a connection breaks; the first one ends the module
+    LEAVE = "leave"  # a module starts to leave
+    GOODBYE = "goodbye"  # a connection of a leaving module says goodbye
+    KILL = "kill"  # the operator kills a task
+    SUSPEND = "suspend"  # the operator suspends a task
+    RESUME = "resume"  # the operator resumes a task
 
 
 class Action(msgspec.Struct, frozen=True):
-    """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch
-    or task.
-    """
+    """One action that is possible in a state."""
 
     kind: ActionKind
     name: str = ""
+    """The name of a line, run or message."""
     index: int = 0
+    """The place of a branch or task."""
     is_optional: bool = False
-    """It need not happen."""
+    """Whether it need not happen."""
 
 
 class Play(Exchange):
-    """A run so far. ``perform`` is the only way it changes."""
+    """A run so far. Only ``perform`` changes it."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.runs: dict[
-            str, ModuleRun
-        ] = {}  #: of modules, by name, until their last connection has ended
+        #: By name: the runs of modules with an open connection.
+        self.runs: dict[str, ModuleRun] = {}
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
         self.suspensions = dict(scenario.may_be_suspended)
-        self.suspended: dict[str, list[TaskId]] = {
-            name: [] for name in self.suspensions
-        }  #: by somebody, by message
-        self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
-        self._started = dict.fromkeys(scenario.modules, 0)  #: how often
+        #: By message: the tasks that the operator has suspended.
+        self.suspended: dict[str, list[TaskId]] = {name: [] for name in self.suspensions}
+        self.queue_groups = scenario.queue_groups()
+        self._started = dict.fromkeys(scenario.modules, 0)  #: by module: the number of its runs
         if scenario.is_observed:
             self.observer = Observer()
             name = OBSERVER.decode()
@@ -89,21 +86,20 @@ class Play(Exchange):
         self._start_all()
         if self.kills or self.suspensions:
             self.receive(
-                SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY)
+                OPERATOR, headers.Hello(self.next_number(), PROTOCOL_VERSION, OPERATOR, OPERATOR)
             )
-        self.broken = next(
-            self._broken(), ""
-        )  #: the promise that central broke with the last action
+        #: The promise that central broke with the last action; "" for none.
+        self.broken = next(self._broken(), "")
 
     # --- possible actions -------------------------------------------------------------------------
 
     def actions(self) -> list[Action]:
-        """Everything that may happen now."""
+        """Return the actions that are possible now."""
         return [
             *self._steps(),
             *self._with_inboxes(),
             *self._passing_of_time(),
-            *self._comings_and_goings(),
+            *self._joins_and_losses(),
             *self._interventions(),
         ]
 
@@ -111,40 +107,40 @@ class Play(Exchange):
         for line in self.lines.values():
             if (actor := line.actor) is not None and actor.step is None:
                 for index, branch in enumerate(actor.branches):
-                    if actor.may_take(branch):
+                    if actor.can_take(branch):
                         yield Action(ActionKind.STEP, line.name, index)
 
     def _with_inboxes(self) -> Iterator[Action]:
         for line, inbox in (
             (line, line.inbox) for line in self.lines.values() if line.inbox is not None
         ):
-            if inbox.session.held.ended:
-                yield Action(ActionKind.ANSWER, line.name)
-            elif inbox.under_way:
-                yield Action(ActionKind.HEAR, line.name)
+            if inbox.session.held_replies.ended:
+                yield Action(ActionKind.REPLY, line.name)
+            elif inbox.in_transit:
+                yield Action(ActionKind.RECEIVE, line.name)
             if inbox.session.has_next and not line.run.is_leaving:
-                yield Action(ActionKind.BEGIN, line.name)
+                yield Action(ActionKind.START, line.name)
 
     def _passing_of_time(self) -> Iterator[Action]:
         if self.next_time is not None:
             yield Action(ActionKind.TIME)
         yield from (
-            Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now
+            Action(ActionKind.TIMEOUT, line.name) for line, at in self._timeouts() if at <= self.now
         )
 
-    def _late(self) -> list[tuple[ModuleLine, float]]:
-        """The lines whose scripts wait no longer than until a time, with that time."""
-        newest = [(line, line.stack[-1].late_at) for line in self.lines.values() if line.stack]
+    def _timeouts(self) -> list[tuple[ModuleLine, float]]:
+        """Return the lines whose script waits with a timeout, with the end of that."""
+        newest = [(line, line.stack[-1].times_out_at) for line in self.lines.values() if line.stack]
         return [(line, at) for line, at in newest if at is not None]
 
     @property
     def next_time(self) -> float | None:
-        """When something is due next."""
-        times = [at for _, at in self._late() if at > self.now]
+        """The time of the next event that is due; None if none is."""
+        times = [at for _, at in self._timeouts() if at > self.now]
         due = self.central.clock.next
         return min([*times, due] if due is not None else times, default=None)
 
-    def _comings_and_goings(self) -> Iterator[Action]:
+    def _joins_and_losses(self) -> Iterator[Action]:
         for run in self.runs.values():
             if run.is_alive:
                 if not run.is_joined:
@@ -152,7 +148,7 @@ class Play(Exchange):
                         yield Action(ActionKind.JOIN, run.name)
                 elif run.module.may_leave and not run.is_leaving:
                     yield Action(ActionKind.LEAVE, run.name, is_optional=True)
-                yield from (Action(ActionKind.BYE, line.name) for line in run.may_say_goodbye())
+                yield from (Action(ActionKind.GOODBYE, line.name) for line in run.closable_lines())
             if not run.is_alive or self.losses[run.module.name]:
                 yield from (
                     Action(ActionKind.BREAK, line.name, is_optional=run.is_alive)
@@ -172,7 +168,7 @@ class Play(Exchange):
             )
 
     def killable(self, message: str) -> list[MessageRecord]:
-        """The tasks of that message which somebody may kill."""
+        """Return the tasks of that message which the operator may kill."""
         return [
             task
             for task in self.world.tasks
@@ -180,62 +176,65 @@ class Play(Exchange):
         ]
 
     def suspendable(self, message: str) -> list[MessageRecord]:
-        """The tasks of that message which somebody may suspend."""
+        """Return the tasks of that message which the operator may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
     # --- actions played ---------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
-        """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if
-        central can't.
+        """Perform an action.
+
+        Raises:
+            ScenarioError: A script can't be played.
+            CentralFault: Central raised an error.
         """
         self.facts, self.taken = [], None
         self.world.violations.clear()
         self.world.forget()
         _PERFORM[action.kind](self, action)
-        self._go_on()
+        self._advance_all()
         self.broken = next(self._broken(), "")
 
     def _broken(self) -> Iterator[str]:
-        """What is wrong with what central did."""
+        """Yield the promises that central broke with the last action."""
         yield from (violation.what for violation in self.world.violations)
         if self.observer is not None:
             with numbers_shown():
                 yield from filter(None, [self.observer.breach(self.world)])
         for line in self.lines.values():
-            if line.inbox is not None and (wrong := self.unlike(line, line.inbox)):
+            if line.inbox is not None and (wrong := self.inbox_mismatch(line, line.inbox)):
                 yield wrong
 
-    def _go_on(self) -> None:
+    def _advance_all(self) -> None:
         for line in list(self.lines.values()):
             if line.stack:
-                self.go_on(line)
+                self.advance(line)
             while line.run.is_starting and not line.stack and line is line.run.lines[0]:
-                line.stack.append(Actor(line.run.first.popleft(), Given(NOTHING)))
-                self.go_on(line)
+                line.stack.append(Actor(line.run.first.popleft(), HandlerInput(NOTHING)))
+                self.advance(line)
 
     def _take_step(self, action: Action) -> None:
         line = self.lines[action.name]
         actor = line.actor
         assert actor is not None
-        line.begin(actor)
-        life, branch = actor.life, actor.branches[action.index]
-        actor.lives(*branch.decisions)
+        line.start(actor)
+        script_run, branch = actor.script_run, actor.branches[action.index]
+        actor.record(*branch.decisions)
         actor.step = branch.step
         try:
-            self.take(line, actor)
+            self.carry_out(line, actor)
         except ScenarioError as error:
-            raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
+            raise ScenarioError(f"{actor.program.place(script_run, branch)}: {error}") from None
 
     def inbox(self, action: Action) -> SlotInbox:
-        """That of the slot with messages ahead to which something happens."""
+        """Return the inbox of the slot that *action* is about."""
         inbox = self.lines[action.name].inbox
         assert inbox is not None
         return inbox
 
-    def _hear(self, action: Action) -> None:
+    def _receive_packet(self, action: Action) -> None:
         inbox = self.inbox(action)
-        self.hear(self.lines[action.name], inbox, *inbox.under_way.popleft())
+        self.receive_packet(self.lines[action.name], inbox, *inbox.in_transit.popleft())
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
@@ -243,10 +242,10 @@ class Play(Exchange):
         self.world.go_to(self.now)
         self.handle(Tick(self.now))
 
-    def _be_late(self, action: Action) -> None:
+    def _time_out(self, action: Action) -> None:
         actor = self.lines[action.name].stack[-1]
         assert actor.step is not None
-        actor.get(Got(actor.step.kind, is_late=True))
+        actor.receive(StepResult(actor.step.kind, is_late=True))
 
     # --- modules come and go ----------------------------------------------------------------------
 
@@ -257,19 +256,21 @@ class Play(Exchange):
         return run
 
     def _start_all(self) -> None:
-        """Until all are there; those that wait for each other, or choose, go on with that in the
-        run.
-        """
-        moved = True
-        while moved:
-            moved = False
-            for run in self.runs.values():
-                while self._starts_further(run):
-                    moved = True
+        """Let modules join until none can continue.
 
-    def _starts_further(self, run: ModuleRun) -> bool:
-        """The next step of a module that joins before the run; False if there is none, or more than
-        one.
+        Modules that wait for each other or have a choice continue in the run.
+        """
+        has_moved = True
+        while has_moved:
+            has_moved = False
+            for run in self.runs.values():
+                while self._start_further(run):
+                    has_moved = True
+
+    def _start_further(self, run: ModuleRun) -> bool:
+        """Take the next step of a module that joins before the run.
+
+        Return False if it has no next step, or a choice of several.
         """
         if run.module.arrives_late or run.is_joined:
             return False
@@ -280,11 +281,11 @@ class Play(Exchange):
             if actor is None or actor.step is not None or len(actor.branches) > 1:
                 return False
             self._take_step(Action(ActionKind.STEP, run.lines[0].name))
-        self._go_on()
+        self._advance_all()
         return True
 
     def _join(self, run: ModuleRun) -> None:
-        """The next step of joining."""
+        """Take the next step of joining."""
         module, done = run.module, run.steps_joined
         if done == 1:
             messages = [
@@ -308,8 +309,8 @@ class Play(Exchange):
             line.inbox = SlotInbox(hello) if done and module.prefetch is not None else None
             self.receive(line.name, hello)
         run.steps_joined += 1
-        if run.is_joined and module.story:
-            run.lines[0].stack.append(Actor(module.story, Given(NOTHING)))
+        if run.is_joined and module.own_program:
+            run.lines[0].stack.append(Actor(module.own_program, HandlerInput(NOTHING)))
 
     def _break(self, action: Action) -> None:
         line = self.lines[action.name]
@@ -333,46 +334,46 @@ class Play(Exchange):
         run.is_leaving = True
         run.lines[0].clear()
         for actor in (actor for line in run.lines for actor in line.actors):
-            actor.be_told(module_ends=True)
+            actor.request_end(module_ends=True)
         self.receive(run.name, headers.Unregister(self.next_number(), []))
 
     def _say_goodbye(self, action: Action) -> None:
         line = self.lines[action.name]
         if line.inbox is not None:
-            self.give_back(line, line.inbox)
+            self.return_prefetched(line, line.inbox)
         self._close(line)
         self.receive(line.name, headers.Bye())
 
     def _kill(self, action: Action) -> None:
         self.kills[action.name] -= 1
         task = self.killable(action.name)[action.index]
-        self.receive(SOMEBODY, headers.Kill(self.next_number(), TaskId(task.id)))
+        self.receive(OPERATOR, headers.Kill(self.next_number(), TaskId(task.id)))
 
     def _suspend(self, action: Action) -> None:
         self.suspensions[action.name] -= 1
         task = TaskId(self.suspendable(action.name)[action.index].id)
         self.suspended[action.name].append(task)
-        self.receive(SOMEBODY, headers.Suspend(self.next_number(), task))
+        self.receive(OPERATOR, headers.Suspend(self.next_number(), task))
 
     def _resume(self, action: Action) -> None:
         task = self.suspended[action.name].pop(action.index)
-        self.receive(SOMEBODY, headers.Suspend(self.next_number(), task, resume=True))
+        self.receive(OPERATOR, headers.Suspend(self.next_number(), task, resume=True))
 
 
 # ruff: noqa: SLF001
 _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
     ActionKind.STEP: Play._take_step,
-    ActionKind.HEAR: Play._hear,
-    ActionKind.BEGIN: lambda play, action: play.begin_next(
+    ActionKind.RECEIVE: Play._receive_packet,
+    ActionKind.START: lambda play, action: play.start_next(
         play.lines[action.name], play.inbox(action)
     ),
-    ActionKind.ANSWER: lambda play, action: play.post(action.name, play.inbox(action)),
+    ActionKind.REPLY: lambda play, action: play.flush(action.name, play.inbox(action)),
     ActionKind.TIME: Play._pass_time,
-    ActionKind.LATE: Play._be_late,
+    ActionKind.TIMEOUT: Play._time_out,
     ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),
     ActionKind.BREAK: Play._break,
     ActionKind.LEAVE: Play._leave,
-    ActionKind.BYE: Play._say_goodbye,
+    ActionKind.GOODBYE: Play._say_goodbye,
     ActionKind.KILL: Play._kill,
     ActionKind.SUSPEND: Play._suspend,
     ActionKind.RESUME: Play._resume,
@@ -380,7 +381,10 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
 
 
 def outcome(play: Play) -> bytes:
-    """What has been done, got and left in a run that ends, the same in all explorations."""
+    """Return a digest of the end of a run: results, open scripts and messages, unused mishaps.
+
+    It is the same in all explorations.
+    """
     unfinished = {
         name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())
     }
@@ -388,24 +392,22 @@ def outcome(play: Play) -> bytes:
         (one.message, one.body, one.module) for one in play.world.messages if not one.is_over
     )
     return repr(
-        (sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)
+        (sorted(play.digests.items()), unfinished, left, play.losses, play.kills, play.suspensions)
     ).encode()
 
 
-Waiting = tuple[int] | tuple[Actor, ScriptRun]
-"""A task that is held or queued, by id; a script, at that point of its life."""
+Waiter = tuple[int] | tuple[Actor, ScriptRun]
+"""The id of a task that is held or queued; or a script, with its run so far."""
 
 
-def waiting(play: Play) -> list[Waiting]:
-    """The tasks that wait by themselves, not for what is under them, oldest first; and the
-    scripts.
-    """
+def waiters(play: Play) -> list[Waiter]:
+    """Return what waits: tasks without open tasks below them, oldest first, then scripts."""
     tasks = play.world.tasks
     parents = {task.parent_id for task in tasks if not task.is_over}
     return [
-        *((task.id,) for task in tasks if _waits(task) and task.id not in parents),
+        *((task.id,) for task in tasks if _is_waiting(task) and task.id not in parents),
         *(
-            (actor, actor.life)
+            (actor, actor.script_run)
             for name in sorted(play.lines)
             for actor in play.lines[name].actors
             if actor.step is not None
@@ -413,12 +415,12 @@ def waiting(play: Play) -> list[Waiting]:
     ]
 
 
-def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:
-    """Where among what waits now is what waited before; -1: it does not."""
-    now = waiting(play)
-    return tuple(now.index(one) if one in now else -1 for one in before)
+def still_waiting(before: Sequence[Waiter], play: Play) -> tuple[int, ...]:
+    """Return, for each earlier waiter, its place among those of now; -1 if it no longer waits."""
+    now = waiters(play)
+    return tuple(now.index(waiter) if waiter in now else -1 for waiter in before)
 
 
-def _waits(task: MessageRecord) -> bool:
-    """Central itself carries monitors out: they go on, and do not wait."""
+def _is_waiting(task: MessageRecord) -> bool:
+    """Whether a task is held or queued. Monitors never are: central itself carries them out."""
     return not (task.is_over or task.is_handled or task.message_class.is_monitor)

@@ -1,4 +1,4 @@
-"""Actions, and what is unfinished at the end, in words."""
+"""Actions, unfinished tasks and waiting scripts in words."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,7 +6,7 @@ from functools import partial
 from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
-from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
+from tca_tools.explore.play.play import OPERATOR, Action, ActionKind, Play, Waiter
 from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import RequestWording
 from tca_tools.explore.scenario.script_connection import CHOOSE
@@ -15,17 +15,17 @@ from tca_wire.points import describe_moments
 
 
 def describe(play: Play, action: Action) -> str:
-    """The next action in words: "gait planner in take steps {3} sends command move leg 2"."""
+    """Return an action in words: "gait planner in take steps {3} sends command move leg 2"."""
     return _DESCRIBE[action.kind](play, action)
 
 
 def unfinished(play: Play) -> tuple[str, ...]:
-    """The tasks and scripts that have not ended, and what they wait for."""
-    tasks = [_left(play, task) for task in play.world.tasks if not task.is_over]
+    """Return the tasks and scripts that have not ended, each with what it waits for."""
+    tasks = [_task_left(play, task) for task in play.world.tasks if not task.is_over]
     return (
         *tasks,
         *(
-            _stuck(play, line, actor)
+            _script_left(play, line, actor)
             for line in play.lines.values()
             for actor in line.actors
             if actor.step is not None
@@ -33,20 +33,22 @@ def unfinished(play: Play) -> tuple[str, ...]:
     )
 
 
-def left_behind(play: Play, one: Waiting) -> str:
-    """One that waits for ever, and what for."""
-    if isinstance(one[0], int):
-        return _left(play, play.world.items[one[0]])
-    actor = one[0]
-    return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
+def waiter_in_words(play: Play, waiter: Waiter) -> str:
+    """Return a waiting task or script, with what it waits for."""
+    if isinstance(waiter[0], int):
+        return _task_left(play, play.world.items[waiter[0]])
+    actor = waiter[0]
+    return _script_left(
+        play, next(line for line in play.lines.values() if actor in line.actors), actor
+    )
 
 
-def _stuck(play: Play, line: ModuleLine, actor: Actor) -> str:
-    return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
+def _script_left(play: Play, line: ModuleLine, actor: Actor) -> str:
+    return f"{_actor_name(line, actor, play)} {_wait_in_words(play, actor, actor.step)}"
 
 
-def _left(play: Play, task: MessageRecord) -> str:
-    return f"{_name(play, task.id)} has not ended: {_standing(play, task)}"
+def _task_left(play: Play, task: MessageRecord) -> str:
+    return f"{_name(play, task.id)} has not ended: {_task_status(play, task)}"
 
 
 # --- actions --------------------------------------------------------------------------------------
@@ -57,26 +59,28 @@ def _step(play: Play, action: Action) -> str:
     actor = line.actor
     assert actor is not None
     branch = actor.branches[action.index]
-    found = [
+    decisions = [
         f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, "
         for got in branch.decisions
     ]
-    return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
+    step = _step_in_words(play, actor, branch.step)
+    return f"{_actor_name(line, actor, play)} {''.join(decisions)}{step}"
 
 
-def _hear(play: Play, action: Action) -> str:
-    header, _ = play.inbox(action).under_way[0]
+def _receive(play: Play, action: Action) -> str:
+    header, _ = play.inbox(action).in_transit[0]
     named = (
         [header.delivery]
         if isinstance(header, headers.Deliver)
         else getattr(header, "deliveries", [])
     )
-    return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
+    names = ", ".join(_name(play, number) for number in named)
+    return f"{action.name} receives {type(header).__name__} {names}".rstrip()
 
 
 def _begin(play: Play, action: Action) -> str:
-    header, _ = play.inbox(action).session.ahead[0]
-    return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
+    header, _ = play.inbox(action).session.prefetched[0]
+    return f"{action.name} starts {_name(play, header.delivery)}, which was prefetched"
 
 
 def _join(play: Play, action: Action) -> str:
@@ -95,7 +99,7 @@ def _break(play: Play, action: Action) -> str:
     return (
         f"{line.run.name} dies: connection {line.name} breaks"
         if line.run.is_alive
-        else f"{line.name} breaks, too"
+        else f"connection {line.name} breaks, too"
     )
 
 
@@ -104,39 +108,40 @@ def _time(play: Play, _: Action) -> str:
     return f"{round(play.next_time - play.now, 6):g} s pass"
 
 
-def _late(play: Play, action: Action) -> str:
+def _timeout(play: Play, action: Action) -> str:
     line = play.lines[action.name]
     actor = line.stack[-1]
-    return f"{_who(line, actor, play)} no longer {_waiting(play, actor, actor.step)}"
+    name = _actor_name(line, actor, play)
+    return f"{name} times out and no longer {_wait_in_words(play, actor, actor.step)}"
 
 
 _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.STEP: _step,
-    ActionKind.HEAR: _hear,
-    ActionKind.BEGIN: _begin,
-    ActionKind.ANSWER: lambda _, action: f"{action.name} sends the replies that it has held",
+    ActionKind.RECEIVE: _receive,
+    ActionKind.START: _begin,
+    ActionKind.REPLY: lambda _, action: f"{action.name} sends the replies that it has held",
     ActionKind.JOIN: _join,
     ActionKind.BREAK: _break,
-    ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
-    ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
+    ActionKind.LEAVE: lambda _, action: f"{action.name} starts to leave",
+    ActionKind.GOODBYE: lambda _, action: f"{action.name} says goodbye",
     ActionKind.KILL: lambda play, action: (
-        f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}"
+        f"{OPERATOR} kills {_name(play, play.killable(action.name)[action.index].id)}"
     ),
     ActionKind.SUSPEND: lambda play, action: (
-        f"somebody suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
+        f"{OPERATOR} suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
     ),
     ActionKind.RESUME: lambda play, action: (
-        f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
+        f"{OPERATOR} resumes {_name(play, play.suspended[action.name][action.index])}"
     ),
     ActionKind.TIME: _time,
-    ActionKind.LATE: _late,
+    ActionKind.TIMEOUT: _timeout,
 }
 
 
 # --- scripts --------------------------------------------------------------------------------------
 
 
-def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
+def _actor_name(line: ModuleLine, actor: Actor, play: Play) -> str:
     return (
         f"{line.run.name} in {_name(play, actor.task or actor.delivery)}"
         if actor.delivery
@@ -144,55 +149,56 @@ def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
     )
 
 
-def _doing(play: Play, actor: Actor, step: steps.Step | None) -> str:
+def _step_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
     if isinstance(step, steps.Ask):
         declared = {message.name: message.message_class for message in step.declares}
-        header = renamed(step.header, actor.real)
+        header = renamed(step.header, actor.real_id)
         return _wording(play).request(
             header, step.body, declared.get(getattr(header, "message", ""))
         )
-    if isinstance(step, steps.Await):
-        return _waiting(play, actor, step)
-    if isinstance(step, steps.GiveUp):
-        return _give_up(actor, step)
+    if isinstance(step, steps.AwaitAnswer):
+        return _wait_in_words(play, actor, step)
+    if isinstance(step, steps.Abandon):
+        return _abandon(actor, step)
     return _wording(play).filled(_STEPS[type(step)], step)
 
 
-def _waiting(play: Play, actor: Actor, step: steps.Step | None) -> str:
-    """The wait of an actor at that step, in words."""
-    if not isinstance(step, steps.Await):
-        return _doing(play, actor, step)
+def _wait_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:
+    """Return the wait of an actor in words."""
+    if not isinstance(step, steps.AwaitAnswer):
+        return _step_in_words(play, actor, step)
     header = actor.requests[step.request].header
     if isinstance(header, headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled):
         return _wording(play).request(header, b"", None)
-    return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
+    message_class = play.central.registry.messages[header.message].message_class
+    return f"waits for the answer to {message_class} {header.message}"
 
 
-def _give_up(actor: Actor, step: steps.GiveUp) -> str:
+def _abandon(actor: Actor, step: steps.Abandon) -> str:
     request = actor.requests[step.request]
     is_held = isinstance(request.header, headers.Lock) and request.is_over
-    return f"releases {request.header.resource}" if is_held else "wants no answer any more"
+    return f"releases {request.header.resource}" if is_held else "abandons its request"
 
 
 _STEPS: dict[type, str] = {
-    steps.Know: "gets an error",
+    steps.NoticeKill: "gets an error",
     steps.Return: "returns",
     steps.Fail: "[reissue?reissues its failure|fails: {failure}]",
-    steps.ReadWish: "[waits?waits for|looks at] what clients want",
-    steps.Owe: "owes its reply",
-    steps.UseKept: "uses the kept replies to {message}",
-    steps.Hang: "never goes on",
+    steps.ReadClientRequest: "[waits?waits for|checks for] a request of a client",
+    steps.OweReply: "owes its reply",
+    steps.UseKeptReplies: "uses the kept replies to {message}",
+    steps.Hang: "waits forever",
 }
-"""The phrase of each step that is no request."""
+"""By step without a request to central: its phrase."""
 
 
 def _wording(play: Play) -> RequestWording:
     return RequestWording(partial(_name, play))
 
 
-def _standing(play: Play, task: MessageRecord) -> str:
+def _task_status(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [
+    awaited = [
         _wording(play).point(hold.constraint.before)
         for hold in task.holds
         if not (hold.is_met or hold.constraint.delay)
@@ -204,7 +210,7 @@ def _standing(play: Play, task: MessageRecord) -> str:
         "suspended" if task.is_suspended else "",
         "queued" if task.is_queued else "",
         f"handled by {task.module}" if task.module else "",
-        f"waits for {', '.join(after)}" if after else "",
+        f"waits for {', '.join(awaited)}" if awaited else "",
     ]
     return "; ".join(part for part in parts if part)
 

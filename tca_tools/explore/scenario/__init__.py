@@ -1,1 +1,1 @@
-"""Scenarios as users write them, and how their scripts run."""
+"""Scenarios as users write them, and the runs of their scripts."""

@@ -1,6 +1,4 @@
-"""Checks of a scenario's arguments where users write them, after the module library's: with a
-ScenarioError.
-"""
+"""Checks of a scenario's arguments: the module library's, which raise ScenarioError here."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,15 +10,15 @@ from tca_tools.explore.errors import ScenarioError
 
 
 @contextmanager
-def as_scenario_error(what: str = "") -> Iterator[None]:
-    """Raise the library's complaint of an argument as a ScenarioError about *what*."""
+def as_scenario_error(subject: str = "") -> Iterator[None]:
+    """Convert the library's MisuseError into a ScenarioError about *what*."""
     try:
         yield
     except MisuseError as error:
-        raise ScenarioError(f"{what}: {error}" if what else str(error)) from None
+        raise ScenarioError(f"{subject}: {error}" if subject else str(error)) from None
 
 
 def check(call: str, kind: checks.ArgumentKind, **values: Any) -> None:
-    """Raise ScenarioError for the first of these named values that is of another kind."""
+    """Raise ScenarioError for the first of the named values that is not of this kind."""
     with as_scenario_error():
         checks.check(call, kind, **values)

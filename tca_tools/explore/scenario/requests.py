@@ -1,4 +1,4 @@
-"""The requests of a script to central: in words, by the call of the library, and as a predicate."""
+"""The requests of a script to central: in words, by library call, and as a predicate."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,67 +19,73 @@ from tca_wire.vocabulary import MessageClass
 
 
 class RequestWording(Wording):
-    """Requests in words. *called* tells how a task is called: "step {3}"."""
+    """Requests in words. *name_of* returns the name of a task: "step {3}"."""
 
-    def __init__(self, called: Callable[[int], str]) -> None:
+    def __init__(self, name_of: Callable[[int], str]) -> None:
         super().__init__()
-        self._called = called
+        self._name_of = name_of
 
     def name(self, number: int) -> str:
-        """``step {3}``, or "it" for the task that is sent."""
-        return "it" if number == THIS else self._called(number)
+        """Return the name of a task, or "it" for the task that is being sent."""
+        return "it" if number == THIS else self._name_of(number)
 
     def request(self, header: Any, body: bytes, message_class: MessageClass | None) -> str:
-        """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message
-        that it names.
+        """Return a request as a verb phrase: "kills step {3} in 2 s".
+
+        *message_class* is the class of the message that *header* names.
         """
-        said = self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header)
+        phrase = self.filled(
+            REQUESTS.get(type(header), f"requests {type(header).__name__}"), header
+        )
         data = data_in_words(body)
         if isinstance(header, headers.Send):
             watch = self.filled(_WATCH, header.watch) if header.watch is not None else ""
-            return f"{'wants' if header.when_killed else 'sends'} {message_class} {header.message}{data}{said}{watch}"
-        return said + data
+            verb = "prepares" if header.when_killed else "sends"
+            return f"{verb} {message_class} {header.message}{data}{phrase}{watch}"
+        return phrase + data
 
 
 def data_in_words(body: bytes) -> str:
-    """Data behind what they were sent with."""
+    """Return the data of a request as JSON, with a space in front; "" for none."""
     data = msgspec.msgpack.decode(body) if body else None
     return "" if data is None else f" {msgspec.json.encode(data, enc_hook=str).decode()}"
 
 
 REQUESTS: dict[type, str] = {
     headers.Send: (
-        "[when_killed? if {parent:name} is killed][, within {deadline:seconds}]"
+        "[when_killed? in case {parent:name} is killed][, within {deadline:seconds}]"
         "[, with {attachments:attachments}][if_handled?, if it is handled][suspended?, suspended]"
     ),
     headers.Constrain: "adds {constraints:constraints}",
     headers.AwaitPoint: "waits for {point:point}",
     headers.Kill: "kills {scope:scope}{task:name}[ in {delay:seconds}][ after {after:point}]",
     headers.Attach: "attaches {attachment:attachment} to [message?all {message}|{task:at}]",
-    headers.Tap: "taps [message?all {message}|{task:name}] {condition} with {listener}[at_once?, at once]",
+    headers.Tap: (
+        "taps [message?all {message}|{task:name}] {condition} with {listener}[at_once?, at once]"
+    ),
     headers.Remove: "removes {id:number}",
     headers.Raise: "raises {failure} on {task:name}",
     headers.Retry: "retries {task:name}[new_data? with]",
-    headers.Resolve: "says that its failure is resolved",
+    headers.Resolve: "reports its failure as resolved",
     headers.Suspend: "[resume?resumes|suspends] {task:name}",
-    headers.Deadline: "wants {point:point} within {seconds:seconds}",
-    headers.Inspect: "looks at the {relation} of {task:name}",
-    headers.Keep: "[release?lets go of|keeps] {task:name}",
+    headers.Deadline: "requires {point:point} within {seconds:seconds}",
+    headers.Inspect: "reads the {relation} of {task:name}",
+    headers.Keep: "[release?releases|retains] {task:name}",
     headers.Fire: "fires [message?{message}|{monitor:name}] with",
     headers.EndMonitor: "ends {monitor:name}",
     headers.GetVariable: "gets {variable}",
     headers.SetVariable: "sets {variable} to",
     headers.Lock: "waits to [reserve?reserve|lock] {resource}",
-    headers.Unlock: "frees {resource}",
+    headers.Unlock: "unlocks {resource}",
     headers.WaitUntilHandled: "waits until {messages:list} are handled",
     ChangeState: "takes '{transition}' of {task:name}",
 }
-"""The phrase of each request, as those of facts; that of a message stands behind its data."""
+"""By request: its phrase, in the notation of facts. A message's phrase follows its data."""
 _WATCH = "[, every {period:seconds}][, for {duration:seconds}]"
 
 
 def call_of(header: Any) -> str:
-    """The call of the module library by which a script asked for that: one of CALLS."""
+    """Return the module library's call that makes a request: one of CALLS."""
     calls = _CALLS[type(header)]
     if isinstance(calls, str):
         return calls
@@ -111,21 +117,29 @@ _CALLS: dict[type, str | tuple[str, str, str]] = {
     headers.WaitUntilHandled: "wait_until_handled",
     ChangeState: "take",
 }
-"""The call of each request; or two calls, and the field that is set by the second."""
+"""By request: its call; or two calls, and the field that only the second sets."""
 
 CALLS = tuple(
-    call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one[:2])
+    call
+    for calls in _CALLS.values()
+    for call in ((calls,) if isinstance(calls, str) else calls[:2])
 )
-"""The requests that a script can make. "send" stands for all that is sent: goal(), query(),
-inform(), monitor(), ...
-"""
+"""The calls of a script that reach central. "send" stands for goal(), query(), monitor(), ..."""
 
 
 def accepted(call: str, by: str = "") -> Predicate:
-    """With the last action: that central took what a script (of the module *by*) asked for by this
-    call of the module library: "kill", "retry", "on_termination", ...; "send" is a message of any
-    class. What is refused, or comes too late to change anything, is not accepted; a wait or a lock
-    is accepted when it begins.
+    """Return a predicate: with the last action, central accepted such a request of a script.
+
+    A request that is refused, or comes too late to change anything, is not accepted. A wait or a
+    lock is accepted when it begins.
+
+    Args:
+        call: The module library's call: "kill", "retry", "on_termination", ...; "send" for a
+            message of any class.
+        by: The name of the module that makes the request; any module by default.
+
+    Raises:
+        ScenarioError: There is no such call.
     """
     if call not in CALLS:
         raise ScenarioError(
@@ -137,14 +151,14 @@ def accepted(call: str, by: str = "") -> Predicate:
 
 
 class _Accepted(NamedPredicate):
-    """That a request was taken."""
+    """The predicate that a request was accepted with the last action."""
 
     def __init__(self, call: str, by: str) -> None:
         super().__init__(f"{call}{f' of {by}' * bool(by)} accepted", module=by)
         self._call = call
 
     def __call__(self, world: Any) -> list[Any]:
-        """That request, if it was taken with the last action."""
+        """Return a list of the accepted request; an empty list without one."""
         taken = world.taken
         if taken is None or taken.call != self._call:
             return []

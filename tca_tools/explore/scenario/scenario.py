@@ -1,6 +1,4 @@
-"""Scenarios as users write them: modules, what their handlers do, what may happen to them, and what
-must be true.
-"""
+"""Scenarios as users write them: modules, handlers, possible mishaps, and properties."""
 
 from collections.abc import Callable, Collection, Iterable
 from itertools import combinations
@@ -34,11 +32,11 @@ _NOT_EXPLORED = frozenset(
         *(name for name in dir(Sender) if not name.startswith("_")),
     )
 )
-"""Methods that a module of the library has and a scenario's has not."""
+"""Methods of the library's Module that a scenario's module does not have."""
 
 
 class ScenarioModule:
-    """A module of a scenario. Made by ``Scenario.module``."""
+    """A module of a scenario. ``Scenario.module`` creates it."""
 
     def __init__(
         self,
@@ -53,37 +51,49 @@ class ScenarioModule:
         requires: Collection[Message[Any, Any]],
     ) -> None:
         check("module()", checks.NAME, name=name)
-        what = f"module '{name}'"
-        check(what, checks.CAPACITY, capacity=capacity)
-        check(what, checks.AMOUNT, may_be_lost=may_be_lost)
+        owner = f"module '{name}'"
+        check(owner, checks.CAPACITY, capacity=capacity)
+        check(owner, checks.AMOUNT, may_be_lost=may_be_lost)
         check(
-            what, checks.FLAG, comes_back=comes_back, may_leave=may_leave, arrives_late=arrives_late
+            owner,
+            checks.FLAG,
+            comes_back=comes_back,
+            may_leave=may_leave,
+            arrives_late=arrives_late,
         )
-        check(what, checks.AMOUNT.or_none(), prefetch=prefetch)
-        check(what, checks.MESSAGES, requires=requires)
+        check(owner, checks.AMOUNT.or_none(), prefetch=prefetch)
+        check(owner, checks.MESSAGES, requires=requires)
         self.name, self.prefetch = name, prefetch
         self.may_be_lost, self.comes_back = may_be_lost, comes_back
         self.may_leave, self.arrives_late = may_leave, arrives_late
         self.handlers: dict[str, Program] = {}  #: by message name
         self.formats: list[HandlerFormat] = []  #: the declarations of its handlers
-        self.story: Program | None = None  #: the module's own program
+        self.own_program: Program | None = None  #: set by ``does``
         self._capacities = {name: capacity}
         self._required = list(requires)
         self._wait = Program(
             f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None
         )
-        self._first: list[Program] = []
+        self._start_programs: list[Program] = []
 
     def __getattr__(self, name: str) -> NoReturn:
         if name in _NOT_EXPLORED:
             raise ScenarioError(
-                f"{name} of module '{self.name}' is not explored: what a module sends by itself goes "
-                "into a function under @module.does or @module.at_start"
+                f"{name} of module '{self.name}' is not explored: write what the module sends "
+                "outside of tasks as a function under @module.does or @module.at_start"
             )
         raise AttributeError(f"a module of a scenario has no '{name}'")
 
     def resource(self, name: str, capacity: int = 1) -> str:
-        """Declare a further resource of this module; handlers name it with ``resource=``."""
+        """Declare a further resource of this module; handlers refer to it with ``resource=``.
+
+        Args:
+            name: The resource's name.
+            capacity: The number of messages that it handles at a time; 1 by default.
+
+        Returns:
+            The name.
+        """
         check("resource()", checks.NAME, name=name)
         check(f"resource '{name}'", checks.CAPACITY, capacity=capacity)
         self._capacities[name] = capacity
@@ -92,23 +102,34 @@ class ScenarioModule:
     def handles(
         self, message: Message[Any, Any], **options: Unpack[HandlerOptions]
     ) -> Callable[[Function], Function]:
-        """Declare the decorated function as this module's handler of *message*, as the module
-        library's ``handles`` does. Messages that come *direct* are not explored.
+        """Declare the decorated function as this module's handler of *message*.
+
+        Args:
+            message: The message; one handler each.
+            options: Those of the module library's ``handles``, without *direct*.
+
+        Returns:
+            The decorator.
+
+        Raises:
+            ScenarioError: The message has a handler already, or an option is not possible.
         """
         with as_scenario_error(f"module '{self.name}'"):
             handler = checked_format(message, options, self.name, {})
         if message.name in self.handlers:
             raise ScenarioError(
-                f"module '{self.name}' handles '{message.name}' already: one handler a message"
+                f"module '{self.name}' handles '{message.name}' already: "
+                "a message has one handler in a module"
             )
         if handler.direct:
             raise ScenarioError(
-                f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave it "
-                "out, and each goes through central, which happens on the robot, too"
+                f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave "
+                "it out. The messages then go through central, as they sometimes do on the robot"
             )
         if handler.resource not in self._capacities:
             raise ScenarioError(
-                f"module '{self.name}' has no resource '{handler.resource}': declare it with resource()"
+                f"module '{self.name}' has no resource '{handler.resource}': "
+                "declare it with resource()"
             )
 
         def declare(function: Function) -> Function:
@@ -121,34 +142,34 @@ class ScenarioModule:
         return declare
 
     def does(self, function: Function) -> Function:
-        """Declare the decorated function as what this module does by itself, outside of any
-        task.
+        """Declare the decorated function as the module's own program, which runs outside of tasks.
+
+        It gets a ``Script``. A module has at most one.
         """
-        if self.story is not None:
+        if self.own_program is not None:
             raise ScenarioError(
-                f"module '{self.name}' does something already: make it one function, or two modules"
+                f"module '{self.name}' has a function under @module.does already: "
+                "join the two, or use two modules"
             )
-        self.story = Program(self.name, function, None)
+        self.own_program = Program(self.name, function, None)
         return function
 
     def at_start(self, function: Function) -> Function:
-        """Declare the decorated function as what this module does once it has joined, before it
-        handles anything.
-        """
-        self._first.append(Program(f"at_start in {self.name}", function, None))
+        """Declare a function that runs when the module has joined, before it handles anything."""
+        self._start_programs.append(Program(f"at_start in {self.name}", function, None))
         return function
 
     @property
-    def first(self) -> list[Program]:
-        """The programs that run before it handles anything."""
-        return [*([self._wait] if self._awaited() else []), *self._first]
+    def start_programs(self) -> list[Program]:
+        """The programs that run before the module handles anything."""
+        return [*([self._wait] if self._awaited() else []), *self._start_programs]
 
     def _awaited(self) -> list[Message[Any, Any]]:
         return [message for message in self._required if message.name not in self.handlers]
 
     @property
     def slots(self) -> list[str]:
-        """The resource of each of its slots."""
+        """The resource of each slot of the module."""
         used = {handler.resource for handler in self.formats}
         return [
             name
@@ -159,9 +180,16 @@ class ScenarioModule:
 
 
 class Scenario:
-    """A small robot, and what must be true of it whatever the order in which things happen.
+    """A small robot, and the properties that must hold in whatever order things happen.
 
-    *title* names it in results; *properties* are checked in every state (see tca_tools.properties).
+    Args:
+        title: Its name in results.
+        properties: The properties to check in every state (see ``tca_tools.properties``).
+
+    Example::
+
+        scenario = Scenario("fetching", before(achieved(DRIVE), begun(GRASP)), never_stuck())
+        scenario.module("base").handles(DRIVE)(lambda task: None)
     """
 
     def __init__(self, title: str, *properties: Property) -> None:
@@ -170,8 +198,8 @@ class Scenario:
         self.properties = checked_properties(properties)
         self.modules: dict[str, ScenarioModule] = {}
         self.is_observed = False
-        self.may_be_killed: dict[str, int] = {}  #: by message: how many such tasks
-        self.may_be_suspended: dict[str, int] = {}  #: by message: how many such tasks
+        self.may_be_killed: dict[str, int] = {}  #: by message: the number of kills
+        self.may_be_suspended: dict[str, int] = {}  #: by message: the number of suspensions
 
     def module(
         self,
@@ -185,13 +213,24 @@ class Scenario:
         prefetch: int | None = None,
         requires: Collection[Message[Any, Any]] = (),
     ) -> ScenarioModule:
-        """Add a module whose own resource takes *capacity* messages at a time.
+        """Add a module.
 
-        It may be lost (its process dies) at any moment, *may_be_lost* times; with *comes_back* it
-        is started again each time. With *may_leave* it may say goodbye at any moment. With
-        *arrives_late* it joins at some moment of the run instead of before it. It handles nothing
-        before somebody handles all messages that it *requires*. With *prefetch* its slots hear of
-        central's messages some time later, and may have so many ahead.
+        Args:
+            name: The module's name; its own resource has the same.
+            capacity: The number of messages that its own resource handles at a time.
+            may_be_lost: The number of times that its process may die, at any moment.
+            comes_back: Whether it is started again each time that it was lost.
+            may_leave: Whether it may say goodbye at any moment.
+            arrives_late: Whether it joins at some moment of the run, instead of before it.
+            prefetch: The number of messages that each of its slots may have prefetched; packets to
+                the slots then take some time. None: slots receive packets at once.
+            requires: Messages that must have a handler before the module handles anything.
+
+        Returns:
+            The module, for its handlers.
+
+        Raises:
+            ScenarioError: The name is in use, or an argument is not possible.
         """
         if name in self.modules:
             raise ScenarioError(f"there is a module '{name}' already: choose another name")
@@ -209,49 +248,54 @@ class Scenario:
         return module
 
     def observe(self) -> None:
-        """Somebody observes the states of all tasks: that no change is missed is checked then,
-        too.
-        """
+        """Add an observer of the states of all tasks, and check that it misses no change."""
         self.is_observed = True
 
     @property
-    def has_messages_ahead(self) -> bool:
-        """Whether a module may have messages ahead: then states differ in what scripts have lived,
-        too.
-        """
+    def has_prefetch(self) -> bool:
+        """Whether a module has a prefetch. Then states also differ in what scripts have done."""
         return any(module.prefetch is not None for module in self.modules.values())
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
-        """Somebody may kill tasks of this message at any moment, so many of them."""
+        """Let the operator kill tasks of *message*, at any moment.
+
+        Args:
+            message: A goal or command.
+            times: The number of kills; 1 by default.
+        """
         check("may_kill()", checks.AMOUNT, times=times)
         self.may_be_killed[_task(message, "may_kill").name] = times
 
     def may_suspend(self, message: Message[Any, Any], times: int = 1) -> None:
-        """Somebody may suspend tasks of this message at any moment, so many times; each is resumed
-        some time later.
+        """Let the operator suspend tasks of *message* at any moment, and resume them later.
+
+        Args:
+            message: A goal or command.
+            times: The number of suspensions; 1 by default.
         """
         check("may_suspend()", checks.AMOUNT, times=times)
         self.may_be_suspended[_task(message, "may_suspend").name] = times
 
-    def rivals(self) -> dict[str, int]:
-        """By message: a number that those share which may wait for the same resource."""
+    def queue_groups(self) -> dict[str, int]:
+        """Return, by message, the number of its group: messages that may wait for one resource."""
         groups = {name: number for number, name in enumerate(self.messages())}
         for module in self.modules.values():
-            for one, other in combinations(module.formats, 2):
-                if one.resource == other.resource:
-                    old, new = groups[one.message], groups[other.message]
+            for first, second in combinations(module.formats, 2):
+                if first.resource == second.resource:
+                    old, new = groups[first.message], groups[second.message]
                     groups = {
                         name: new if group == old else group for name, group in groups.items()
                     }
         return groups
 
     def owners(self, resource: str) -> list[str]:
-        """The modules that have a resource of that name, which is one that handles something."""
+        """Return the modules with a resource of that name that handles something."""
         return [module.name for module in self.modules.values() if resource in module.slots]
 
     def messages(self) -> dict[str, Message[Any, Any]]:
-        """All messages that a module handles, by name. Raises ScenarioError where two differ in
-        class.
+        """Return all messages that modules handle, by name.
+
+        Raises ScenarioError if modules declare one with different classes.
         """
         found: dict[str, Message[Any, Any]] = {}
         for module in self.modules.values():
@@ -270,21 +314,21 @@ class Scenario:
 
 
 def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
-    """*properties*, if they are. Raises ScenarioError."""
-    found = tuple(properties)
-    for one in found:
-        if not isinstance(one, Property):
+    """Return *properties*; raise ScenarioError if one is not a property of states."""
+    checked = tuple(properties)
+    for prop in checked:
+        if not isinstance(prop, Property):
             raise ScenarioError(
-                f"{one!r:.60} is no property: give never(...), before(...), never_stuck(), ..."
+                f"{prop!r:.60} is not a property: use never(...), before(...), never_stuck(), ..."
             )
-        if isinstance(one, CasesProperty):
+        if isinstance(prop, CasesProperty):
             raise ScenarioError(
-                f"'{one}' counts cases of a whole run: ask it of a journal, with tca check"
+                f"'{prop}' counts the cases of a whole run: check it with tca check, on a journal"
             )
-    return found
+    return checked
 
 
 def _task(message: Message[Any, Any], call: str) -> Message[Any, Any]:
     if not isinstance(message, Message) or not message.message_class.is_task:
-        raise ScenarioError(f"{call}() wants a goal or command, and {message!r} is none")
+        raise ScenarioError(f"{call}() needs a goal or command, not {message!r}")
     return message

@@ -1,6 +1,4 @@
-"""The scripts of a scenario: plain functions that do what a module's handlers do, with the module
-library's calls.
-"""
+"""The scripts of a scenario: plain functions that make calls of the module library."""
 
 import inspect
 import re
@@ -35,12 +33,12 @@ from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.argument_checks import as_scenario_error
 from tca_tools.explore.scenario.script_connection import (
     CHOOSE,
-    MOST_DECISIONS,
+    MAX_DECISIONS,
     DecisionReached,
     ScriptConnection,
     StepReached,
 )
-from tca_tools.explore.scenario.worker_thread import leave_behind
+from tca_tools.explore.scenario.worker_thread import abandon_thread
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
@@ -50,14 +48,13 @@ from tca_wire.vocabulary import Refusal
 
 T = TypeVar("T")
 
-_OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
-"""Errors that a handler need not catch: it fails with them. All others are mistakes of the script's
-author.
-"""
+_RUNTIME_ERRORS = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+"""Errors that make a handler fail, as on the robot. Any other error is a mistake in the script."""
 
-_BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
-"""Refusals because of something that happened meanwhile: a lost module takes its resources along.
-(That a scenario has no such resource at all is found out when it is asked for: see Exchange.)
+_CHANCE_REFUSALS = (Refusal.TOO_LATE, Refusal.UNKNOWN)
+"""Refusals because of an earlier event, such as the loss of the module with the resource.
+
+A resource that no module of the scenario has is a mistake, which Exchange finds.
 """
 
 
@@ -67,29 +64,33 @@ class _Choices:
     _explored: ScriptConnection
 
     def choose(self, *alternatives: T) -> T:
-        """One of these: each is explored."""
+        """Return one of *alternatives*; each of them is explored."""
         if not alternatives:
             self._explored.end(
                 ScenarioError("choose() has nothing to choose from: give it the alternatives")
             )
-        words = [
-            re.sub(r" at 0x[0-9a-f]+", "", str(one)) for one in alternatives
-        ]  # memory differs from run to run
+        # Addresses in memory differ from run to run.
+        words = [re.sub(r" at 0x[0-9a-f]+", "", str(one)) for one in alternatives]
         return alternatives[self._explored.decide(CHOOSE, words)]
 
     def hang(self) -> NoReturn:
-        """Never go on, and never return."""
+        """Wait forever."""
         self._explored.hang()
 
     def use_kept(self, message: Message[Any, Any], words: str = "") -> None:
-        """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they
-        have begun. *words* say how.
+        """Use the replies that this module's handlers of *message* keep with ``keep_reply``.
+
+        It also applies to handlers that have started and keep a reply later.
+
+        Args:
+            message: The message whose handlers keep a reply.
+            words: A text for the function that was given to ``keep_reply``.
         """
-        self._explored.do(steps.UseKept(message.name, words))
+        self._explored.do(steps.UseKeptReplies(message.name, words))
 
 
 class Script(_Choices, Sender):
-    """The program of a module: each call that reaches central is one step of the exploration."""
+    """The argument of a module's own program. Each call that reaches central is one action."""
 
     def __init__(self, link: ScriptConnection) -> None:
         Sender.__init__(self)
@@ -100,10 +101,10 @@ class Script(_Choices, Sender):
 
 
 class Task(_Choices, ModuleTask):
-    """The task of a handler: the module library's Task, and choices."""
+    """The task of a handler: the module library's Task with the explorer's own calls."""
 
     def __init__(
-        self, link: ScriptConnection, given: steps.Given, message: Message[Any, Any]
+        self, link: ScriptConnection, given: steps.HandlerInput, message: Message[Any, Any]
     ) -> None:
         delivery = headers.Deliver(
             steps.HERE, message.name, steps.OWN if given.is_task else ROOT, given.context
@@ -113,9 +114,14 @@ class Task(_Choices, ModuleTask):
         self._explored = link
 
     def keep_reply(self, later: LaterReply[Any], then: Callable[..., object]) -> None:
-        """Have the module keep a LaterReply that the handler returns, until another script calls
-        ``use_kept``. Then ``then(later, words)`` is called, after which nothing keeps it, unless
-        that calls this again.
+        """Keep the LaterReply that this handler returns, until another script calls ``use_kept``.
+
+        The module then calls *then*, and keeps the reply no longer unless *then* calls
+        ``keep_reply`` again.
+
+        Args:
+            later: The reply, from ``reply_later()``.
+            then: A function of the LaterReply and the words given to ``use_kept``.
         """
         self._explored.kept = later, then
 
@@ -124,95 +130,105 @@ class Task(_Choices, ModuleTask):
     @overload
     def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
-        """The next request of a client, each once; None after *timeout* seconds."""
+        """Wait for the next request of a client to this task.
+
+        Args:
+            timeout: The most seconds to wait; None, the default, waits forever.
+
+        Returns:
+            The request, each once; None when the time is over.
+        """
         served = self._served()
         if not served.has_new:
-            self._explored.wait_for_wish(timeout, f"a request to {self}")
-        return served.take_new()
+            self._explored.wait_for_client(timeout, f"a request to {self}")
+        return served.pop_new_request()
 
 
 class Program:
-    """A script of the scenario: a function, and what it has been seen to do."""
+    """A script of the scenario: a function and its runs so far."""
 
     def __init__(
         self, name: str, function: Callable[..., Any], message: Message[Any, Any] | None
     ) -> None:
         self.name = name
-        self.message = message  #: None: what a module does by itself
+        self.message = message  #: None for a program of a module outside of handlers
         self._function = function
         self._arguments = _number_of_arguments(
             name, function, "(task, data)" if message else "(me)"
         )
-        self._beginnings: dict[steps.Given, steps.ScriptRun] = {}
+        self._starts: dict[steps.HandlerInput, steps.ScriptRun] = {}
         self._numbers = count()
 
-    def beginning(self, given: steps.Given) -> steps.ScriptRun:
-        """The life of a script that was given this and has got nothing yet."""
-        if given not in self._beginnings:
-            self._beginnings[given] = steps.ScriptRun(given, next(self._numbers))
-        return self._beginnings[given]
+    def start(self, given: steps.HandlerInput) -> steps.ScriptRun:
+        """Return the run of a script with this input, before its first step."""
+        if given not in self._starts:
+            self._starts[given] = steps.ScriptRun(given, next(self._numbers))
+        return self._starts[given]
 
-    def live(self, life: steps.ScriptRun, *got: steps.Got) -> steps.ScriptRun:
-        """That life, and what it got then."""
-        for one in got:
-            life = life.then(one, next(self._numbers))
-        return life
+    def extend(self, script_run: steps.ScriptRun, *got: steps.StepResult) -> steps.ScriptRun:
+        """Return *script_run* with further results."""
+        for result in got:
+            script_run = script_run.extended(result, next(self._numbers))
+        return script_run
 
-    def branches(self, life: steps.ScriptRun) -> tuple[steps.Branch, ...]:
-        """The ways in which a script that has this life may go on. Raises ScenarioError."""
-        if life.branches is None:
-            life.branches = tuple(self._explore(life.given, life.history(), ()))
-        return life.branches
+    def branches(self, script_run: steps.ScriptRun) -> tuple[steps.Branch, ...]:
+        """Return the ways in which a run may continue; raise ScenarioError for a mistake."""
+        if script_run.branches is None:
+            script_run.branches = tuple(self._explore(script_run.given, script_run.history(), ()))
+        return script_run.branches
 
-    def place(self, life: steps.ScriptRun, branch: steps.Branch) -> str:
-        """Where in the script a branch comes to its step."""
-        link = ScriptConnection(life.history() + branch.decisions, self._leave_behind)
+    def place(self, script_run: steps.ScriptRun, branch: steps.Branch) -> str:
+        """Return the file and line of the script at which a branch takes its step."""
+        link = ScriptConnection(script_run.history() + branch.decisions, self._abandon_thread)
         with suppress(Exception, StepReached):
-            self._called(link, life.given)
+            self._call(link, script_run.given)
         return self._where(link.stopped)
 
     def _explore(
-        self, given: steps.Given, history: steps.History, decisions: steps.History
+        self, given: steps.HandlerInput, history: steps.History, decisions: steps.History
     ) -> Iterable[steps.Branch]:
-        if len(decisions) > MOST_DECISIONS:
-            text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
-            raise ScenarioError(f"the script of {text}: it would never go on")
+        if len(decisions) > MAX_DECISIONS:
+            raise ScenarioError(
+                f"the script of {self.name} decides {MAX_DECISIONS} times without sending or "
+                "asking anything in between: it would never continue"
+            )
         try:
-            step = self._run(ScriptConnection(history + decisions, self._leave_behind), given)
+            step = self._run(ScriptConnection(history + decisions, self._abandon_thread), given)
         except DecisionReached as fork:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
             yield steps.Branch(decisions, step)
 
-    def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
-        """The script catches what is to end a run of it, and goes on."""
+    def _abandon_thread(self, error: ScenarioError | None) -> NoReturn:
+        """Fail because the script catches the exceptions that end a run, and continues."""
         text = (
-            "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
-'except Exception:' instead of 'except:' or 'except BaseException:'"
+            "it catches the exception that ends a run (it is run again after each answer) and "
+            "continues forever: write 'except Exception:' instead of 'except:' or "
+            "'except BaseException:'"
         )
         if error is not None:
-            text = f"{error}; it catches this, and goes on for ever"
-        leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
+            text = f"{error}; it catches this, and continues forever"
+        abandon_thread(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
 
-    def _run(self, link: ScriptConnection, given: steps.Given) -> steps.Step:
-        """Run to the first step that is not past."""
+    def _run(self, link: ScriptConnection, given: steps.HandlerInput) -> steps.Step:
+        """Run the script to its first step without a result, and return that step."""
         try:
-            step = self._called(link, given) or _end(*link.owed())
+            step = self._call(link, given) or _end_step(*link.owed())
         except (StepReached, DecisionReached):
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
             raise ScenarioError(
                 f"{self._where(error)}: {_described(link.error or error)}"
             ) from error
-        if link.error is not None:  # and the script went on
+        if link.error is not None:  # the script caught it
             raise ScenarioError(f"{self._where(link.error)}: {link.error}")
         if isinstance(link.stopped, DecisionReached):
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
 
-    def _called(self, link: ScriptConnection, given: steps.Given) -> steps.Step | None:
-        """Call the function; how it ended. None: it owes its reply."""
+    def _call(self, link: ScriptConnection, given: steps.HandlerInput) -> steps.Step | None:
+        """Call the function; return its last step, or None if it owes its reply."""
         message = self.message
         if message is None:
             script: Script | Task = Script(link)
@@ -225,40 +241,43 @@ class Program:
                 return steps.Fail(BAD_DATA, str(error))
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
-            link.settle()
-            return self._end_of(script, result)
+            link.raise_refusals()
+            return self._result_step(script, result)
         except (FailureRaised, Reissued) as error:
-            return _end(*failed(steps.HERE, error))
-        except _OF_THE_WORLD as error:
+            return _end_step(*failed(steps.HERE, error))
+        except _RUNTIME_ERRORS as error:
             was_killed = isinstance(error, TaskKilled | Stopped)
-            return replace(_end(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed)
+            return replace(
+                _end_step(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed
+            )
         except Refused as error:
-            if error.refusal not in _BY_CHANCE:
+            if error.refusal not in _CHANCE_REFUSALS:
                 raise
             return steps.Fail(HANDLER_ERROR, str(error))
 
-    def _end_of(self, script: Task | Script, result: Any) -> steps.Return | None:
+    def _result_step(self, script: Task | Script, result: Any) -> steps.Return | None:
         if isinstance(script, Task) and script.later is not None:
             if result is not script.later:
-                raise ScenarioError("it called reply_later(): return what that gave")
+                raise ScenarioError("it called reply_later(), so it must return the LaterReply")
             script.returned()
             result.returned()
-            script._explored.left = ref(result)  # noqa: SLF001
+            script._explored.returned_reply = ref(result)  # noqa: SLF001
             return None
         return steps.Return(self.message.encode_reply(result) if self.message else b"")
 
     def _where(self, error: BaseException | None) -> str:
-        """The place in the script at which an error was raised."""
+        """Return the place in the script at which an error was raised."""
         return self._place(traceback.extract_tb(error.__traceback__) if error is not None else [])
 
     def _place(self, frames: Iterable[traceback.FrameSummary]) -> str:
         code = inspect.unwrap(self._function).__code__
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
-        return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
+        line = lines[-1] if lines else code.co_firstlineno
+        return f"the script of {self.name} ({code.co_filename}, line {line})"
 
 
-def _end(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
-    """The end of a handler as a step."""
+def _end_step(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
+    """Return the end of a handler as a step."""
     if isinstance(header, headers.Reply):
         return steps.Return(body)
     return steps.Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)

@@ -1,11 +1,9 @@
-"""The connection of a script to central: what the module library's own code talks to when a script
-calls it.
+"""The connection of a script to central, in place of the module library's.
 
-A script is run anew from its start whenever it has got something back: the calls whose answers are
-known return them, and the first one whose answer is not there ends the run (``StepReached``). So a
-script that is half through is nothing but its data and what it got, which can be copied and
-compared. All that a task can do is the library's own code: only the connection under it is another
-one.
+A script is run again from its start whenever a step has a result. Calls whose results are known
+return them; the first call without a result ends the run (``StepReached``). The state of a script
+is therefore nothing but its input and its results, which can be copied and compared. The calls of
+a task are the library's own code; only the connection below them differs.
 """
 
 from collections import deque
@@ -30,21 +28,22 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
-"""The decisions of a script without central: kinds of a Got."""
+"""The kinds of StepResult that are decisions of a script, made without central."""
 
-MOST_CAUGHT = 10_000
-"""How often a script may go on after a run of it was ended: more often only one does that catches
-this and all else.
+MAX_CAUGHT = 10_000
+"""The most times that a script may continue after the end of a run.
+
+Code that cleans up continues a few times; a loop that catches every exception never ends.
 """
 
-MOST_DECISIONS = 100
-"""Between two steps; a script that decides more often never takes one."""
+MAX_DECISIONS = 100
+"""The most decisions between two steps; a script with more of them never takes a step."""
 
 _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
     Observe: "observing",
     "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
-    "is_taken": "held",
+    "is_lock_lost": "held",
     "until_over": "await",
     "wait_until": "sleep() and wait_until()",
     "callbacks": "query_notify()",
@@ -52,9 +51,7 @@ _NOT_EXPLORED = {
 
 
 class StepReached(BaseException):
-    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script
-    catches it.
-    """
+    """Ends a run at a step without a result. A script's ``except Exception`` does not catch it."""
 
     def __init__(self, step: steps.Step) -> None:
         super().__init__(step)
@@ -62,36 +59,36 @@ class StepReached(BaseException):
 
 
 class DecisionReached(BaseException):
-    """The script got to a decision that has not been made yet."""
+    """Ends a run at a decision that is not made yet."""
 
-    def __init__(self, decisions: Iterable[steps.Got]) -> None:
+    def __init__(self, decisions: Iterable[steps.StepResult]) -> None:
         super().__init__()
         self.decisions = tuple(decisions)
 
 
 class ScriptRequest:
-    """A request that a script has made, and what it has read of the answers."""
+    """A request that a script has made, with the answers that it has read."""
 
     def __init__(self, link: "ScriptConnection", place: int) -> None:
         self.place = place
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.accepted: int | None = None
-        self.taken = ""
+        self.why_lock_lost = ""
         self.is_over = False
-        self.epoch = ""  #: central is never restarted here
+        self.epoch = ""  #: central never restarts here
         self._link = link
 
     @property
     def notify(self) -> None:
-        """Nobody is called."""
+        """The function to call with an answer: not explored, so None."""
 
     @notify.setter
     def notify(self, _: object) -> None:
         self._link.refuse("query_notify()")
 
 
-class WishesOfClients:
-    """What clients want of the task that a script handles: each is read with a step of its own."""
+class ClientRequests:
+    """The clients' requests to the task that a script handles; each is read with its own step."""
 
     def __init__(self, link: "ScriptConnection") -> None:
         self._link = link
@@ -99,15 +96,15 @@ class WishesOfClients:
 
     def __bool__(self) -> bool:
         if not self._read:
-            self.look(steps.ReadWish())
+            self.read(steps.ReadClientRequest())
         return bool(self._read)
 
     def popleft(self) -> tuple[Requested, bytes]:
-        """The next one."""
+        """Remove and return the oldest request that was read."""
         return self._read.popleft()
 
-    def look(self, step: steps.ReadWish) -> steps.Got:
-        """Read the next one that is there, or comes."""
+    def read(self, step: steps.ReadClientRequest) -> steps.StepResult:
+        """Take the step, and store the request that it reads."""
         got = self._link.do(step)
         if got.words:
             self._read.append((Requested(steps.HERE, got.words, got.choice, got.text), got.body))
@@ -115,56 +112,58 @@ class WishesOfClients:
 
 
 class ScriptDelivery:
-    """The delivery that a script handles, as the library knows it."""
+    """The delivery that a script handles, in place of the library's OpenDelivery."""
 
     def __init__(self, link: "ScriptConnection") -> None:
-        self.requested = WishesOfClients(link)
+        self.requested = ClientRequests(link)
         self.on_request: list[Callable[[], None]] = []
         self.is_killed = self.is_cancelled = link.is_cancelled
         self._state: Any = None
 
     def state_of(self, _: int, make: Callable[[OpenDelivery], Any]) -> Any:
-        """The state of its task, made when it is first needed."""
+        """Return the state of the task, created by *make* when it is first needed."""
         self._state = self._state or make(cast("OpenDelivery", self))
         return self._state
 
 
 class ScriptConnection:
-    """One run of a script up to the end of what it has got."""
+    """One run of a script, up to its first step without a result."""
 
     def __init__(
         self,
         history: steps.History,
         on_caught: Callable[[ScenarioError | None], NoReturn] | None = None,
     ) -> None:
-        # central is never restarted here: nothing is kept for that, no number marked
-        attachments = SimpleNamespace(of=lambda _: None)
+        # Central never restarts here, so no attachments are stored to be repeated.
+        attachments = SimpleNamespace(find=lambda _: None)
         self.transport = SimpleNamespace(time=self.now, waker=lambda: None)
         self.delivery = ScriptDelivery(self)
         self.session = SimpleNamespace(
             epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
         )
-        self.is_mine = True  #: a script has one thread
+        self.is_own_thread = True  #: a script has one thread
         self._all_declared: dict[str, Message[Any, Any]] = {}
-        self.silence = ""  #: of central, which is never silent
+        self.silence = ""  #: central is never silent here
         self.is_inherited = False  #: no script forks
-        self.log = SimpleNamespace(error=lambda *_: None)  #: each run would say it
-        self.kept: Any = None  #: the LaterReply that is kept, and its use
-        self.left: Callable[[], object] = lambda: None  #: the one that was returned
-        self._news: deque[Callable[[], None]] = deque()
-        self.call_soon = self._news.append  #: a function, for ``hear_threads``
-        self._owed: Any = None  #: the reply that was left to others
-        self.stopped: StepReached | DecisionReached | None = (
-            None  #: where the run ended, or shall end
-        )
-        self.error: ScenarioError | None = None  #: the call that can't be played
-        self._on_caught = on_caught  #: called if the script never lets it end
+        self.log = SimpleNamespace(error=lambda *_: None)  #: each run would log the error again
+        self.kept: Any = None  #: the LaterReply given to ``keep_reply``, and its function
+        #: A weak reference to the LaterReply that the handler returned.
+        self.returned_reply: Callable[[], object] = lambda: None
+        self._callbacks: deque[Callable[[], None]] = deque()
+        self.call_soon = (
+            self._callbacks.append
+        )  #: adds a function that ``run_requested_calls`` calls
+        self._owed: Any = None  #: the owed reply, once it is sent
+        #: The step or decision at which the run ended, or is about to end.
+        self.stopped: StepReached | DecisionReached | None = None
+        self.error: ScenarioError | None = None  #: the reason why the script can't be played
+        self._on_caught = on_caught  #: called if the script continues forever after its end
         self._sends = TaskSends()
         self._history = history
-        self._at = 0
-        self._is_told = False  #: that its task was killed, or its module ends
+        self._position = 0  #: in the history
+        self._is_cancelled = False  #: whether the script knows that its task or module ends
         self._requests = 0
-        self._caught = 0  #: how often the script went on after its end
+        self._caught = 0  #: the number of times that the script continued after its end
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
 
     def __getattr__(self, name: str) -> Any:
@@ -173,7 +172,7 @@ class ScriptConnection:
         raise AttributeError(name)
 
     def refuse(self, call: str) -> NoReturn:
-        """A script can't do that."""
+        """Fail: the explorer does not support *call*."""
         self.end(
             ScenarioError(
                 f"{call} is not explored: leave it out of the scenario, or model what it does"
@@ -182,138 +181,136 @@ class ScriptConnection:
 
     # --- the run ----------------------------------------------------------------------------------
 
-    def do(self, step: steps.Step) -> steps.Got:
-        """Take a step: what it got, or the end of this run."""
-        self.hear_threads()
-        if self._at < len(self._history):
-            return self._past(step.kind)
+    def do(self, step: steps.Step) -> steps.StepResult:
+        """Take a step; return its result, or end this run if it has no result yet."""
+        self.run_requested_calls()
+        if self._position < len(self._history):
+            return self._recorded(step.kind)
         if self.stopped is None:
             self.stopped = StepReached(step)
-        raise self._over()
+        raise self._end_of_run()
 
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
-        """Which of these: each is explored."""
-        if self._at < len(self._history):
-            got = self._past(kind)
+        """Return the place of the chosen alternative; each is explored."""
+        if self._position < len(self._history):
+            got = self._recorded(kind)
             if got.choice >= len(alternatives) or alternatives[got.choice] != got.words:
                 self._refuse_change()
             return got.choice
         if self.stopped is None:
             self.stopped = DecisionReached(
-                steps.Got(kind, choice=i, words=words) for i, words in enumerate(alternatives)
+                steps.StepResult(kind, choice=i, words=words)
+                for i, words in enumerate(alternatives)
             )
-        raise self._over()
+        raise self._end_of_run()
 
     def hang(self) -> NoReturn:
-        """Never go on."""
+        """Wait forever."""
         self.do(steps.Hang())
         raise AssertionError
 
-    def _past(self, kind: str) -> steps.Got:
-        got = self._history[self._at]
+    def _recorded(self, kind: str) -> steps.StepResult:
+        got = self._history[self._position]
         if got.kind != kind:
             self._refuse_change()
-        self._at += 1
+        self._position += 1
         return got
 
     def _refuse_change(self) -> NoReturn:
         self.end(
             ScenarioError(
-                "it does not do the same when it is run again: it may use nothing but its arguments"
+                "it acts differently when it is run again: it may use nothing but its arguments"
             )
         )
 
     def end(self, error: ScenarioError) -> NoReturn:
-        """End the script with this error: it can't be played."""
+        """End the script with *error*: it can't be played."""
         self.error = error
         self._check_caught()
         raise error
 
-    def _over(self) -> StepReached | DecisionReached:
-        """The result that ends this run: once more, where code that cleans up goes on."""
+    def _end_of_run(self) -> StepReached | DecisionReached:
+        """Return the exception that ends this run, again for each call of code that cleans up."""
         assert self.stopped is not None
         self._check_caught()
         return self.stopped
 
     def _check_caught(self) -> None:
         self._caught += 1
-        if self._caught > MOST_CAUGHT and self._on_caught is not None:
+        if self._caught > MAX_CAUGHT and self._on_caught is not None:
             self._on_caught(self.error)
 
     # --- calls of the module library: see tca_module/link/connection.py -----------------------
 
     def has_declared(self, message: Message[Any, Any]) -> bool:
-        """All are declared with each step."""
+        """Return False: messages are declared with each step."""
         check_message(message)
         return False
 
     def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
-        """Central must know these."""
+        """Declare messages to central with the next step."""
         del within
         self._declared.update({message.name: message for message in messages})
         self._all_declared.update(self._declared)
 
     def declared(self, name: str) -> Message[Any, Any] | None:
-        """The message of that name, if the script has declared it."""
+        """Return the message of that name; None if the script has not declared it."""
         return self._all_declared.get(name)
 
     def catch_up(self) -> None:
-        """What has come is read by steps."""
+        """Do nothing: steps read what has arrived."""
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> None:
-        """Change the state of a task; central's word is there at once."""
-        _checked(self.do(self._ask(header, body)), what)
+        """Change the state of a task; central replies at once."""
+        _accepted_result(self.do(self._ask(header, body)), what)
 
-    def wait_for_wish(self, seconds: float | None, what: str) -> None:
-        """Wait for what a client wants of the task."""
-        got = self.delivery.requested.look(steps.ReadWish(waits=True, seconds=seconds))
+    def wait_for_client(self, seconds: float | None, what: str) -> None:
+        """Wait for a client's request to the task."""
+        got = self.delivery.requested.read(steps.ReadClientRequest(waits=True, seconds=seconds))
         if got.is_woken:
-            self._be_woken(got, what)
+            self._raise_woken(got, what)
 
     # --- replies that are owed: see tca_module/sending/later_reply.py -----------------------------
 
     def check_process(self) -> None:
         """No script forks."""
 
-    def hear_threads(self) -> None:
-        """Do what was asked for with ``call_soon``: before the next step; never, if this run has
-        ended.
-        """
-        while self._news:
-            self._news.popleft()()
+    def run_requested_calls(self) -> None:
+        """Call the functions added with ``call_soon``; each step does so first."""
+        while self._callbacks:
+            self._callbacks.popleft()()
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
-        """The reply that is owed is given."""
+        """Store the owed reply."""
         self._owed = header, body
 
     def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
-        """The reply that is owed, once it is given.
+        """Return the owed reply, once it is stored.
 
-        A LaterReply that nothing keeps is dropped, and says so with ``call_soon``, at the same
-        place of each run: the frames of the script are gone, and CPython ends at once what nothing
-        refers to. What lives on is kept elsewhere, or by a circle of references, which CPython may
-        look for at any time: both are refused.
+        A LaterReply without a reference is deleted, and reports that with ``call_soon``. This
+        happens at the same place of each run: the frames of the script have ended, and CPython
+        deletes objects without references at once. A LaterReply that survives is referred to from
+        elsewhere, or by a cycle of references, which CPython may collect at any time. Both are
+        refused.
         """
-        self.hear_threads()
-        if self._owed is None and self.kept is None and self.left() is not None:
-            self.refuse("a LaterReply kept by other means than keep_reply()")
+        self.run_requested_calls()
+        if self._owed is None and self.kept is None and self.returned_reply() is not None:
+            self.refuse("a LaterReply that is kept without keep_reply()")
         if self._owed is None:
             self._use(*(self.kept or self.hang()))
         return self._owed or self.owed()
 
     def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
-        self.kept, got = None, self.do(steps.Owe())
+        self.kept, got = None, self.do(steps.OweReply())
         later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
-        """Have central do something."""
+        """Send a request to central; return the id of the object that it creates."""
         del within
-        return _checked(self.do(self._ask(header, body)), what).id
+        return _accepted_result(self.do(self._ask(header, body)), what).id
 
     def send_task(self, header: Any, body: bytes, what: str) -> TaskId:
-        """Send a task; central's word is there at once, and an error is raised as soon as the
-        script goes on with it, or with anything else.
-        """
+        """Send a task; central replies at once. A refusal is raised by the script's next call."""
         got = self.do(self._ask(header, body))
         if got.refusal is None:
             return got.id
@@ -326,20 +323,20 @@ class ScriptConnection:
         self._sends.add(request)
         return TaskId(SentId(self, request))
 
-    def acknowledged(self, request: Request) -> NoReturn:
-        """Raise the error that a send came to."""
+    def wait_for_id(self, request: Request) -> NoReturn:
+        """Raise the refusal of a sent task."""
         self._sends.discard(request)
         request.check(request.what)
         raise AssertionError
 
-    def settle(self) -> None:
-        """Raise the error of what the script has sent: it returns, or goes on."""
+    def raise_refusals(self) -> None:
+        """Raise the refusal of a task that the script has sent: it returns or continues."""
         self._sends.check(0)
         self._sends.check(steps.HERE)
 
     def post(self, header: Any, body: bytes) -> None:
-        """Say something that has no answer."""
-        self.do(self._ask(header, body, is_told=True))
+        """Send a header that has no answer."""
+        self.do(self._ask(header, body, is_one_way=True))
 
     def request(
         self,
@@ -349,7 +346,7 @@ class ScriptConnection:
         wants_answer: bool = False,
         is_awaited: bool = False,
     ) -> ScriptRequest:
-        """Ask something."""
+        """Send a request whose answer is awaited later."""
         del is_awaited
         if type(header) in _NOT_EXPLORED:
             self.refuse(_NOT_EXPLORED[type(header)])
@@ -364,17 +361,18 @@ class ScriptConnection:
         what: str,
         is_over: Callable[[], bool] | None = None,
     ) -> bool:
-        """Wait for an answer. The time that a query waits unless said otherwise is taken as
-        endless.
+        """Wait for an answer; return False if the wait timed out.
+
+        The default timeout of a query counts as endless.
         """
         seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
         if is_over is not None and seconds is not None:
             self.refuse("multi_query(timeout=...)")
         while not (request.is_over or (is_over is not None and is_over())):
-            got = self.do(steps.Await(request.place, seconds))
+            got = self.do(steps.AwaitAnswer(request.place, seconds))
             if got.is_woken:
-                self._be_woken(got, what, request)
-            if _checked(got, what).is_late:
+                self._raise_woken(got, what, request)
+            if _accepted_result(got, what).is_late:
                 return False
             request.is_over = got.is_over
             if got.answer is None:
@@ -383,77 +381,75 @@ class ScriptConnection:
                 request.answers.append((got.answer, got.body))
         return True
 
-    answered = Connection.answered
+    ask_central = Connection.ask_central
 
-    def _be_woken(
-        self, got: steps.Got, what: str, request: ScriptRequest | None = None
+    def _raise_woken(
+        self, got: steps.StepResult, what: str, request: ScriptRequest | None = None
     ) -> NoReturn:
-        self._is_told = True
+        self._is_cancelled = True
         if request is not None:
             if got.answer is None and got.refusal is None:
                 self.abandon(request)
             request.is_over = True
-        why = f"{what} is not waited for any more"
+        why = f"{what} is given up"
         raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 
-    def mark_told(self) -> None:
-        """The script gets an error, and knows by that of its kill."""
-        self.do(steps.Know())
+    def mark_notified(self) -> None:
+        """Tell the play that the script learns of its kill by an error."""
+        self.do(steps.NoticeKill())
 
     def abandon(self, request: ScriptRequest) -> None:
-        """Want no answer any more."""
+        """Abandon a request, whose answers are no longer wanted."""
         if not request.is_over:
             request.is_over = True
-            self.do(steps.GiveUp(request.place))
+            self.do(steps.Abandon(request.place))
 
     def give_up(self, request: ScriptRequest) -> str:
-        """As *abandon*; the reason is not told here: such words differ from run to run."""
+        """Abandon a request. The reason stays empty: its words would differ from run to run."""
         self.abandon(request)
         return ""
 
     def check_thread(self, *_: object) -> None:
-        """A script has one thread."""
+        """Do nothing: a script has one thread."""
 
     def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
-        """Want no longer the lock that a request has got; whether it was had until now."""
+        """Release the lock that a request has; return whether it was held until now."""
         del what, at_once
-        request.taken = self.do(steps.GiveUp(request.place)).text
-        return not request.taken
+        request.why_lock_lost = self.do(steps.Abandon(request.place)).text
+        return not request.why_lock_lost
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the script has been told to end, by a kill or its module; once told, it stays
-        so.
-        """
+        """Whether the script must end, because of a kill or its module; once true, it stays so."""
         del delivery
-        self._is_told = self._is_told or bool(
+        self._is_cancelled = self._is_cancelled or bool(
             self.decide(CANCELLED, ("not cancelled", "cancelled"))
         )
-        return self._is_told
+        return self._is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the script has been told that its task is suspended."""
+        """Whether the script has received the suspension of its task."""
         del delivery
         return bool(self.decide(SUSPENDED, ("not suspended", "suspended")))
 
     def _check_sends(self, header: Any) -> None:
-        self.settle()
+        self.raise_refusals()
         for number in numbers_in(header):
             if isinstance(number, SentId):
-                number.be_nameable(self)
+                number.check_nameable(self)
 
     def now(self) -> float:
-        """Time does not pass for a script."""
+        """Return 0: time does not pass for a script."""
         return 0.0
 
     def _ask(
-        self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False
+        self, header: Any, body: bytes, *, wants_answer: bool = False, is_one_way: bool = False
     ) -> steps.Ask:
         self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
-        return steps.Ask(header, body, declares, wants_answer, is_told)
+        return steps.Ask(header, body, declares, wants_answer, is_one_way)
 
 
-def _checked(got: steps.Got, what: object) -> steps.Got:
+def _accepted_result(got: steps.StepResult, what: object) -> steps.StepResult:
     if got.refusal is not None:
         raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(
             str(what), got.refusal, got.text

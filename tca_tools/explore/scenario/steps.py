@@ -1,8 +1,8 @@
-"""The next steps of a script, and the answers that it got to earlier ones: its life.
+"""The steps of a script and their results, which make up its run.
 
-Tasks are named by their place in the script, not by central's ids, so that what a script does next
-depends on nothing but its data and what it got: ``OWN`` is the task that it handles, ``known(0)``
-the first other one that it heard of.
+Scripts name tasks by their place in the script, not by central's ids. The next step of a script
+therefore depends on nothing but its input and the results so far. ``OWN`` is the task that the
+script handles; ``known(0)`` is the first other task that it learned of.
 """
 
 from dataclasses import dataclass, field
@@ -25,79 +25,76 @@ HERE = 1
 
 
 def known(place: int) -> TaskId:
-    """The name of the task, exception handler or wiretap that a script heard of as number *place*
-    (0, 1, ...).
-    """
+    """Return a script's name for the task, exception handler or wiretap at *place* (0, 1, ...)."""
     return TaskId(-3 - place)
 
 
 def place_of(name: int) -> int:
-    """The inverse of ``known``."""
+    """Return the place of a name: the inverse of ``known``."""
     return -3 - name
 
 
 class _Step(msgspec.Struct, frozen=True):
     @property
     def kind(self) -> str:
-        """By which a script is held to doing the same each time."""
+        """A text by which a script is checked to take the same steps in each run."""
         return type(self).__name__
 
 
 class Ask(_Step, frozen=True):
-    """Send something to central; *declares* are the messages that central must know for it."""
+    """Send a request to central; *declares* are the messages that central must know for it."""
 
     header: Any
     body: bytes = b""
     declares: tuple[Message[Any, Any], ...] = ()
     wants_answer: bool = False
-    """The answer is awaited by itself: central's word that it was taken is not."""
-    is_told: bool = False
-    """Nothing comes back at all."""
+    """Whether the answer is awaited with a step of its own; else central's reply ends this step."""
+    is_one_way: bool = False
+    """Whether central sends no reply at all."""
 
     @property
     def kind(self) -> str:
-        """The header and data of a request, as a text to compare."""
+        """The header and a checksum of the request, as a text to compare."""
         return (
             f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
         )
 
 
-class Await(_Step, frozen=True):
-    """Wait for an answer to the request that was made as number *request*, for so many seconds if
-    not for ever.
-    """
+class AwaitAnswer(_Step, frozen=True):
+    """Wait for an answer to request number *request*, for *seconds*; None waits forever."""
 
     request: int
     seconds: float | None = None
 
 
-class ReadWish(_Step, frozen=True):
-    """Read the next thing that a client wants of the script's task, if there is one; or wait for
-    it, so many seconds if not for ever.
+class ReadClientRequest(_Step, frozen=True):
+    """Read the next request of a client to the script's task, if there is one.
+
+    With *waits*, wait for one, at most *seconds*; None waits forever.
     """
 
     waits: bool = False
     seconds: float | None = None
 
 
-class GiveUp(_Step, frozen=True):
-    """Want no answer to that request any more."""
+class Abandon(_Step, frozen=True):
+    """Abandon a request, whose answers are no longer wanted."""
 
     request: int
 
 
-class Know(_Step, frozen=True):
-    """See by an error that one's task was killed, if it was."""
+class NoticeKill(_Step, frozen=True):
+    """Learn by an error that the script's task was killed, if it was."""
 
 
 class Return(_Step, frozen=True):
-    """The script is over; of a handler, *body* is its reply or result."""
+    """End the script; *body* is the reply or result of a handler."""
 
     body: bytes
 
 
 class Fail(_Step, frozen=True):
-    """The handler fails."""
+    """End the handler with a failure."""
 
     failure: str
     text: str = ""
@@ -105,114 +102,122 @@ class Fail(_Step, frozen=True):
     kinds: tuple[str, ...] = ()
     reissue: bool = False
     was_killed: bool = False
-    """With TaskKilled or Stopped: if its own task was killed, too, that is no failure."""
+    """Whether TaskKilled or Stopped ended the handler: no failure if its own task was killed."""
 
 
 class Hang(_Step, frozen=True):
-    """The script never goes on."""
+    """Never continue."""
 
 
-class Owe(_Step, frozen=True):
-    """The handler has returned, and its module keeps the reply that it owes until another script
-    speaks of that.
-    """
+class OweReply(_Step, frozen=True):
+    """Return from the handler but owe its reply, until another script of the module uses that."""
 
 
-class UseKept(_Step, frozen=True):
-    """Use the replies to *message* that the module keeps, or will: of handlers that have begun."""
+class UseKeptReplies(_Step, frozen=True):
+    """Use the replies that started handlers of *message* owe or will owe; *words* say how."""
 
     message: str
     words: str
 
 
-Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang | Owe | UseKept
+Step = (
+    Ask
+    | AwaitAnswer
+    | ReadClientRequest
+    | Abandon
+    | NoticeKill
+    | Return
+    | Fail
+    | Hang
+    | OweReply
+    | UseKeptReplies
+)
 
 
-class Got(msgspec.Struct, frozen=True):
-    """The result of a step of that kind, or the script's decision (*kind* "choose", ...:
-    *choice*).
-    """
+class StepResult(msgspec.Struct, frozen=True):
+    """The result of a step, or a decision of the script (*kind* "choose", ...)."""
 
     kind: str
+    """The kind of the step or decision."""
     refusal: Refusal | None = None
     text: str = ""
     id: TaskId = TaskId(0)
-    """The task or other thing that the request became."""
+    """The task or other object that the request created."""
     answer: headers.Answer | None = None
     body: bytes = b""
     is_late: bool = False
-    """The time was over."""
+    """The wait timed out."""
     is_woken: bool = False
-    """It is not waited for any more: the task of whoever waits was killed, or its module ends."""
+    """The wait was interrupted: the script's task was killed, or its module ends."""
     module_ends: bool = False
-    """The latter."""
+    """The wait was interrupted because the module ends."""
     choice: int = 0
+    """The place of the chosen alternative; for a client's request, the number of its transition."""
     words: str = ""
-    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*);
-    of a kept reply:
-    what another script says of it.
-    """
+    """The chosen alternative, a client's transition, or how another script uses an owed reply."""
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more comes of the request."""
+        """Whether no further answer to the request follows."""
         return self.answer is None or not self.answer.more
 
     @property
     def is_void(self) -> bool:
-        """Whether a kill has ended what was asked for: see Request of tca_module."""
+        """Whether a kill has ended the request: see Request of tca_module."""
         return self.refusal is Refusal.TOO_LATE or self.outcome is Outcome.KILLED
 
     @property
     def outcome(self) -> Outcome:
-        """How what was asked for ended."""
+        """The outcome of the request."""
         return self.answer.outcome if self.answer is not None else Outcome.DONE
 
 
-History = tuple[Got, ...]
+History = tuple[StepResult, ...]
 
 
-class Given(msgspec.Struct, frozen=True):
+class HandlerInput(msgspec.Struct, frozen=True):
     """The input of a handler."""
 
     body: bytes
     is_task: bool = False
     accepts: bool = False
-    """Its handler says itself when it accepts a task."""
+    """Whether the handler itself accepts the task, with ``accept()``."""
     context: Trouble | Tapped | Watching | None = None
+    """The failure, tapped message or monitor that the delivery is about."""
 
 
 @dataclass(slots=True, eq=False)
 class ScriptRun:
-    """The input of a script and all that it has got since, the newest here. Equal lives are the
-    same object, so that one more thing costs the same after however many.
+    """The input of a script and its results so far, as a linked list with the newest here.
+
+    Equal runs are the same object, so adding a result takes the same time however long the run is.
     """
 
-    given: Given
-    number: int  #: no other life of the program has it
+    given: HandlerInput
+    number: int  #: unique among the runs of the program
     before: "ScriptRun | None" = None
-    got: Got | None = None
-    branches: "tuple[Branch, ...] | None" = None  #: how it may go on, once that was asked
-    _after: "dict[Got, ScriptRun]" = field(default_factory=dict)
+    got: StepResult | None = None
+    branches: "tuple[Branch, ...] | None" = None  #: the possible continuations, once computed
+    _after: "dict[StepResult, ScriptRun]" = field(default_factory=dict)
 
-    def then(self, got: Got, number: int) -> "ScriptRun":
-        """This life and one more thing; *number* is for one that was not lived before."""
+    def extended(self, got: StepResult, number: int) -> "ScriptRun":
+        """Return this run with one more result; a new object gets *number*."""
         if got not in self._after:
             self._after[got] = ScriptRun(self.given, number, self, got)
         return self._after[got]
 
     def history(self) -> History:
-        """All that it has got, oldest first."""
-        found: list[Got] = []
-        life: ScriptRun | None = self
-        while life is not None and life.got is not None:
-            found.append(life.got)
-            life = life.before
+        """Return the results, oldest first."""
+        found: list[StepResult] = []
+        run: ScriptRun | None = self
+        while run is not None and run.got is not None:
+            found.append(run.got)
+            run = run.before
         return tuple(reversed(found))
 
 
 class Branch(msgspec.Struct, frozen=True):
-    """One way in which a script may go on: what it decides, and then does."""
+    """One way in which a script may continue: its decisions, then its step."""
 
     decisions: History
     step: Step

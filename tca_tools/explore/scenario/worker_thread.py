@@ -1,5 +1,7 @@
-"""Work in a thread of its own, for it runs functions of the user's. One that catches whatever is
-raised in it, and goes on, can't be ended by an error: it is left behind in that thread, asleep.
+"""A thread of its own for an exploration, which runs functions of the user.
+
+A function that catches every error and continues can't be ended by an error. Its thread then
+sleeps forever, and the exploration ends without it.
 """
 
 import threading
@@ -10,47 +12,47 @@ from typing import Any, NoReturn, TypeVar
 T = TypeVar("T")
 
 
-class _Here(threading.local):
-    future: "Future[Any] | None" = None  #: of the work that this thread does
-    is_unwanted: threading.Event
+class _ThreadState(threading.local):
+    future: "Future[Any] | None" = None  #: the result of this thread's work
+    is_abandoned: threading.Event
 
 
-_here = _Here()
+_state = _ThreadState()
 
 
-class _Unwanted(BaseException):
-    """Nobody waits for the work any more."""
+class _Abandoned(BaseException):
+    """Ends a worker thread whose result is no longer awaited."""
 
 
 def in_worker_thread(work: Callable[[], T]) -> T:
-    """The result of *work*, which is returned or raised."""
+    """Run *work* in a thread; return its result or raise its error."""
     future: Future[T] = Future()
-    is_unwanted = threading.Event()
+    is_abandoned = threading.Event()
 
     def run() -> None:
-        _here.future, _here.is_unwanted = future, is_unwanted
+        _state.future, _state.is_abandoned = future, is_abandoned
         try:
             future.set_result(work())
-        except BaseException as error:  # noqa: BLE001 - it is raised where somebody waits
+        except BaseException as error:  # noqa: BLE001 - raised in the thread that waits
             future.set_exception(error)
 
     threading.Thread(target=run, name="explorer", daemon=True).start()
     try:
         return future.result()
     finally:
-        is_unwanted.set()  # Ctrl-C ends the wait
+        is_abandoned.set()  # Ctrl-C ends the wait
 
 
-def check_wanted() -> None:
-    """Ends the work of this thread if nobody waits for it."""
-    if _here.future is not None and _here.is_unwanted.is_set():
-        raise _Unwanted
+def check_not_abandoned() -> None:
+    """End the work of this thread if its result is no longer awaited."""
+    if _state.future is not None and _state.is_abandoned.is_set():
+        raise _Abandoned
 
 
-def leave_behind(error: BaseException) -> NoReturn:
-    """End the work with an error, and let this thread sleep for ever."""
-    if _here.future is None:
+def abandon_thread(error: BaseException) -> NoReturn:
+    """Let the work of this thread fail with *error*, and the thread sleep forever."""
+    if _state.future is None:
         raise error
-    _here.future.set_exception(error)
+    _state.future.set_exception(error)
     while True:
         threading.Event().wait()

@@ -1,1 +1,1 @@
-"""All runs of a scenario, and what is found in them."""
+"""The search through all runs of a scenario."""

@@ -1,6 +1,4 @@
-"""The causes of many states in a scenario: actions that may happen beside others, by their
-source.
-"""
+"""The causes of many states in a scenario: the sources of actions that compete with others."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -16,43 +14,41 @@ _TIMES = {
     "test": "the period of monitor {}",
     "watched": "the duration of monitor {}",
     "claim": "the timeout of a lock",
-    "hung": "the look for a handler that hangs",
+    "hung": "the check for a handler that hangs",
 }
-"""By what a timer is for: what is due."""
+"""By purpose of a timer: its name in a report."""
 
 _SOURCES = {
     ActionKind.JOIN: "{} joining",
     ActionKind.BREAK: "the loss of {}",
     ActionKind.LEAVE: "{} leaving",
-    ActionKind.BYE: "{} leaving",
-    ActionKind.LATE: "timeouts of {}",
+    ActionKind.GOODBYE: "{} leaving",
+    ActionKind.TIMEOUT: "timeouts of {}",
     ActionKind.KILL: "kills of {}",
     ActionKind.SUSPEND: "suspensions of {}",
     ActionKind.RESUME: "suspensions of {}",
     ActionKind.TIME: "{}",
 }
-"""By kind of action; all others are steps of a module."""
+"""By kind of action: its source. Actions of other kinds are steps of a module."""
 
 
 class Branching:
-    """Counts, over the states that were gone on from, in how many each thing could happen beside
-    others.
-    """
+    """Counts, for each source of actions, the states in which it competes with other sources."""
 
     def __init__(self) -> None:
         self._states = 0
         self._open: Counter[str] = Counter()
 
     def add(self, play: Play, actions: Iterable[Action]) -> None:
-        """A state, and what may happen in it."""
+        """Count a state and the actions that are possible in it."""
         self._states += 1
         sources = {_source(play, action) for action in actions}
         if len(sources) > 1:
             self._open.update(sources)
 
     def most(self) -> tuple[str, ...]:
-        """The sources open most often, with their part of the states: "steps of arm (61 %)"."""
-        most = sorted(self._open.items(), key=lambda one: (-one[1], one[0]))[:_MOST_NAMED]
+        """Return the commonest sources, with their part of the states: "steps of arm (61 %)"."""
+        most = sorted(self._open.items(), key=lambda item: (-item[1], item[0]))[:_MOST_NAMED]
         return tuple(f"{source} ({100 * number / self._states:.0f} %)" for source, number in most)
 
 
@@ -66,7 +62,7 @@ def _source(play: Play, action: Action) -> str:
 
 
 def _due(play: Play) -> str:
-    """The event to which time passes."""
+    """Return the name of the event that is due next."""
     timer = min(play.central.clock.pending(), key=lambda timer: timer.time, default=None)
     if timer is None or timer.time != play.next_time:
         return "timeouts of scripts"

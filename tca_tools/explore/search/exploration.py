@@ -1,6 +1,4 @@
-"""Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest
-run that does.
-"""
+"""Explore every run of a scenario, breadth first, so that a counterexample is a shortest one."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -12,35 +10,34 @@ from tca_central.core import Central
 from tca_central.loading import is_compiled
 from tca_module import checks
 from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
-from tca_tools.explore.observed.world import World, breach_in_words
-from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
+from tca_tools.explore.observed.world import World, describe_breach
+from tca_tools.explore.play.play import Action, Play, Waiter, outcome, still_waiting, waiters
 from tca_tools.explore.play.words import unfinished
 from tca_tools.explore.scenario.argument_checks import check as check_argument
 from tca_tools.explore.scenario.scenario import Scenario, checked_properties
-from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
-from tca_tools.explore.search import circles
+from tca_tools.explore.scenario.worker_thread import check_not_abandoned, in_worker_thread
+from tca_tools.explore.search import cycles
 from tca_tools.explore.search.branching import Branching
-from tca_tools.explore.search.fingerprint import Detail, recognised
+from tca_tools.explore.search.fingerprint import Detail, fingerprint_of
 from tca_tools.explore.search.snapshot import Snapshots
 from tca_tools.explore.search.states import Result, SearchState, Violation, Way, replayed
 from tca_tools.properties.algebra import NeverStuck, Property, words_of
 from tca_wire.text.nearest import nearest_or_all
 
 LIMIT = 100_000
-"""States after which an exploration ends without an answer, unless said otherwise."""
+"""The default number of states after which an exploration ends without an answer."""
 
-KEPT_BYTES = 256 << 20
-"""How much the snapshots of states yet to be left may hold; what has none is played again from the
-start.
+SNAPSHOT_BYTES = 256 << 20
+"""The most memory for snapshots of unexpanded states; a state without one is replayed."""
+
+MAX_PLAYS = 500
+"""The number of states that retain their play itself, which is ten times as big as a snapshot.
+
+The search continues from such a play without a copy.
 """
 
-KEPT_PLAYS = 500
-"""How many states keep their play itself: going on from it costs no copy, but it takes ten times
-the room.
-"""
-
-WATCHED_EVERY = 32
-"""States that are gone on from between one call of *watch* and the next."""
+STATES_PER_WATCH = 32
+"""The number of states that are expanded between two calls of *watch*."""
 
 Watch = Callable[[int, int], None] | None
 Check = Callable[[Central], None] | None
@@ -53,21 +50,38 @@ def explore(
     watch: Watch = None,
     check: Check = None,
 ) -> Result:
-    """Explore every run of *scenario*, until something is found that must not be, or *limit* states
-    were seen.
+    """Explore every run of *scenario*, until a violation is found or *limit* states are reached.
 
-    Checks the properties of the scenario and these further *properties*. *watch* is called from
-    time to time with the number of states that were seen, and of those still to be left. *check*,
-    for tests of central itself, is called with it in each new state, and raises AssertionError.
-    Raises ScenarioError if a script can't be played.
+    Args:
+        scenario: The scenario, which has properties of its own.
+        properties: Further properties to check.
+        limit: The most states to explore; 100,000 by default.
+        watch: A function that is called now and then with two numbers: the states reached, and
+            those that are not expanded yet.
+        check: For tests of central itself: a function that is called with central in each new
+            state and raises AssertionError if something is wrong.
+
+    Returns:
+        The result: a violation with the shortest run to it, or the size of the search.
+
+    Raises:
+        ScenarioError: A script can't be played, or a property can't be evaluated.
+        ExplorerError: Central's core is compiled; the explorer needs the one in Python.
+
+    Example::
+
+        scenario = Scenario("fetching", never_stuck())
+        ...  # its modules
+        assert explore(scenario).ok
     """
     if is_compiled():
         raise ExplorerError(
-            "the explorer needs central's core in Python, and the one here is machine code: install that in a folder of"
-            " its own (docs/decisions/0113-an-installation-has-one-core.md)"
+            "the explorer needs central's core in Python, but the core here is machine code: "
+            "install the Python core in a folder of its own "
+            "(docs/decisions/0113-an-installation-has-one-core.md)"
         )
     if not isinstance(scenario, Scenario):
-        raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
+        raise ScenarioError(f"explore() needs a Scenario, not {scenario!r:.60}")
     check_argument("explore()", checks.COUNT, limit=limit)
     judged = (*scenario.properties, *checked_properties(properties))
     _check_module_names(scenario, judged)
@@ -76,12 +90,12 @@ def explore(
         exploration = _Exploration(scenario, judged, limit, detail, watch, check)
         try:
             return in_worker_thread(exploration.run)
-        except _MoreDetail as more:
+        except _DetailNeeded as more:
             detail = more.detail
 
 
-class _MoreDetail(BaseException):
-    """States must be told apart by more."""
+class _DetailNeeded(BaseException):
+    """Ends an exploration: states must be distinguished by more, so it starts again."""
 
     def __init__(self, detail: Detail) -> None:
         super().__init__(detail)
@@ -104,35 +118,35 @@ class _Exploration:
         self.ends = 0
         self.branching = Branching()
         self.outcomes: dict[bytes, SearchState] = {}
-        self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
-        self.saved = 0  #: bytes that snapshots hold
+        self.plays: dict[SearchState, Play] = {}  #: of some states that are not expanded yet
+        self.saved = 0  #: the bytes of all snapshots
         self.snapshots = Snapshots()
-        self.used = set(
-            self.scenario.messages()
-        )  #: the messages that are handled, or were used so far
-        self.without_case = set(
-            range(len(self.properties))
-        )  #: the properties of which there was nothing to judge yet
+        #: The names of the messages that a module handles, or that a script has used so far.
+        self.used_messages = set(self.scenario.messages())
+        #: The places of the properties whose case has not arisen yet.
+        self.without_case = set(range(len(self.properties)))
 
     def run(self) -> Result:
-        """All states, nearest first; then the circles, if there are any."""
-        violation = self._arrive(None, None, Play(self.scenario))
+        """Explore all states, nearest first; then the cycles, if there are any."""
+        violation = self._reach(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
-            violation = self._leave(self.frontier.popleft())
-            left = len(self.known) - len(self.frontier)
-            if self.watch is not None and not left % WATCHED_EVERY:
+            violation = self._expand(self.frontier.popleft())
+            expanded = len(self.known) - len(self.frontier)
+            if self.watch is not None and not expanded % STATES_PER_WATCH:
                 self.watch(len(self.known), len(self.frontier))
         is_complete = not self.frontier and violation is None
         states = list(self.known.values())
-        longest = _longest_way(states) if is_complete else None
+        longest = _longest_run(states) if is_complete else None
         if is_complete and longest is None:
-            violation = self._go_round(states)
+            violation = self._judge_cycles(states)
         if is_complete:
-            _check_message_names(self.scenario, self.properties, self.used)
+            _check_message_names(self.scenario, self.properties, self.used_messages)
         vacuous = (
             [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         )
-        said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
+        vacuous_properties = tuple(
+            f"'{prop}': '{words_of(prop.case)}' is never true" for prop in vacuous
+        )
         return Result(
             self.scenario,
             len(self.known),
@@ -141,35 +155,36 @@ class _Exploration:
             longest,
             is_complete,
             violation,
-            said_nothing,
+            vacuous_properties,
             {key: state.actions() for key, state in self.outcomes.items()},
             self.branching.most(),
         )
 
-    def _go_round(self, states: list[SearchState]) -> Violation | None:
-        """Some runs go on for ever: judge what never happens in them."""
-        if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
+    def _judge_cycles(self, states: list[SearchState]) -> Violation | None:
+        """Return a violation by a run that never ends."""
+        if not any(isinstance(prop, NeverStuck) or prop.may_be_owed for prop in self.properties):
             return None
+        # Only with names can a waiter be followed from state to state.
         if not self.detail.names:
-            raise _MoreDetail(msgspec.structs.replace(self.detail, names=True))
-        return circles.judge(self.scenario, self.properties, states)
+            raise _DetailNeeded(msgspec.structs.replace(self.detail, names=True))
+        return cycles.judge(self.scenario, self.properties, states)
 
-    def _leave(self, state: SearchState) -> Violation | None:
-        """Take every action that is possible in a state."""
-        check_wanted()
+    def _expand(self, state: SearchState) -> Violation | None:
+        """Perform every action that is possible in a state."""
+        check_not_abandoned()
         play = self.plays.pop(state, None) or self._play_of(state)
         actions = play.actions()
         self.branching.add(play, actions)
         if all(action.is_optional for action in actions):
             self.ends += 1
-            if self.scenario.has_messages_ahead:
+            if self.scenario.has_prefetch:
                 self.outcomes.setdefault(outcome(play), state)
-            if violation := self._end(state, play):
+            if violation := self._judge_end(state, play):
                 return violation
         if len(actions) > 1:
             self._save(state, play)
         for action in actions:
-            violation = self._take(
+            violation = self._perform(
                 state, action, play if action is actions[-1] else self._play_of(state)
             )
             if violation is not None:
@@ -186,23 +201,23 @@ class _Exploration:
             else replayed(self.scenario, state)
         )
 
-    def _take(self, state: SearchState, action: Action, play: Play) -> Violation | None:
+    def _perform(self, state: SearchState, action: Action, play: Play) -> Violation | None:
         self.steps += 1
-        waited = waiting(play) if self.detail.names else []
+        waited = waiters(play) if self.detail.names else []
         try:
             play.perform(action)
         except CentralFault as fault:
             return Violation("central handles everything", str(fault), (*state.actions(), action))
-        return self._arrive(state, action, play, waited)
+        return self._reach(state, action, play, waited)
 
-    def _arrive(
+    def _reach(
         self,
         before: SearchState | None,
         action: Action | None,
         play: Play,
-        waited: Sequence[Waiting] = (),
+        waited: Sequence[Waiter] = (),
     ) -> Violation | None:
-        """A state is reached: check it, and remember it if it is new."""
+        """Check a state that was reached, and store it if it is new."""
         state = SearchState(
             before, action, before.memories if before else (0,) * len(self.properties)
         )
@@ -210,10 +225,10 @@ class _Exploration:
             return Violation("what central promises", play.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
             return violation
-        key, state.order = recognised(play, state.memories, self.detail)
+        key, state.order = fingerprint_of(play, state.memories, self.detail)
         known = self.known.get(key)
         if before is not None and action is not None:
-            still = carried(waited, play) if self.detail.names else ()
+            still = still_waiting(waited, play) if self.detail.names else ()
             before.ways.append(Way(action, known or state, still))
         if known is not None:
             return None
@@ -222,68 +237,64 @@ class _Exploration:
                 self.check(play.central)
             except AssertionError as error:
                 return Violation("central's own invariants", str(error), state.actions())
-        self.used.update(play.central.registry.messages)
+        self.used_messages.update(play.central.registry.messages)
         self.known[key] = state
         self.frontier.append(state)
-        if len(self.plays) < KEPT_PLAYS:
+        if len(self.plays) < MAX_PLAYS:
             self.plays[state] = play
         else:
             self._save(state, play)
         return None
 
     def _save(self, state: SearchState, play: Play) -> None:
-        if state.snapshot is None and self.saved < KEPT_BYTES:
+        if state.snapshot is None and self.saved < SNAPSHOT_BYTES:
             state.snapshot = self.snapshots.save(play)
             self.saved += len(state.snapshot)
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
-        """The first violation of a property in a state; stores the memories of the properties."""
+        """Store the memories of the properties in *state*; return the first violation."""
         places = {message: place for place, message in enumerate(order)}
-        world = World(play.world, places, play.taken, self._look_at_time)
+        world = World(play.world, places, play.taken, self._require_time)
         memories = []
-        for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
+        for number, (prop, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:
-                remembered, breach = one.seen(world, memory)
+                remembered, breach = prop.seen(world, memory)
                 if number in self.without_case and (
-                    one.case is None or world.true_of(one.case).is_true
+                    prop.case is None or world.true_of(prop.case).is_true
                 ):
                     self.without_case.discard(number)
             except Exception as error:
                 raise ScenarioError(
-                    f"property '{one}' can't be asked: {type(error).__name__}: {error}"
+                    f"property '{prop}' can't be asked: {type(error).__name__}: {error}"
                 ) from error
             if breach:
-                return Violation(str(one), breach_in_words(breach), state.actions())
+                return Violation(str(prop), describe_breach(breach), state.actions())
             memories.append(remembered)
         state.memories = tuple(memories)
         return None
 
-    def _look_at_time(self) -> None:
-        """A property looks at how long the run has lasted: that is part of the state then, from the
-        beginning.
-        """
+    def _require_time(self) -> None:
+        """Start again with the time as part of the state: a property reads it."""
         if not self.detail.time:
-            raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
+            raise _DetailNeeded(msgspec.structs.replace(self.detail, time=True))
 
-    def _end(self, state: SearchState, play: Play) -> Violation | None:
-        """A run may end here."""
+    def _judge_end(self, state: SearchState, play: Play) -> Violation | None:
+        """Return the violation of a run that ends in this state."""
         left = "".join(f"\n{line}" for line in unfinished(play))
-        for one, memory in zip(self.properties, state.memories, strict=True):
+        for prop, memory in zip(self.properties, state.memories, strict=True):
             breach = ""
-            if isinstance(one, NeverStuck) and left:
-                breach = f"and this is left:{left}"
-            elif one.is_owed(memory):
-                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
-                breach = f"and it never did{left}"
+            if isinstance(prop, NeverStuck) and left:
+                breach = f"with this left:{left}"
+            elif prop.is_owed(memory):
+                left += "".join(f"\n{words}" for words in _unknown_names(prop, self.used_messages))
+                breach = f"and it never happened{left}"
             if breach:
-                return Violation(
-                    str(one), f"nothing further need happen, {breach}", state.actions()
-                )
+                return Violation(str(prop), f"the run may end here, {breach}", state.actions())
         return None
 
 
-def _longest_way(states: list[SearchState]) -> int | None:
-    """The most actions from the first state to any; None if there is a way round in a circle."""
+def _longest_run(states: list[SearchState]) -> int | None:
+    """Return the number of actions of the longest run; None if there is a cycle."""
     ways_in = Counter(id(way.to) for state in states for way in state.ways)
     length = dict.fromkeys(map(id, states), 0)
     ready = states[:1]
@@ -296,45 +307,49 @@ def _longest_way(states: list[SearchState]) -> int | None:
     return max(length.values()) if len(ready) == len(states) else None
 
 
-# --- names: of a wrong one everything would hold, and nobody would hear of it ---------------------
+# --- names: every property of a misspelt name would hold, and its mistake would go unnoticed ------
 
 
 def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
-    """Raise ScenarioError for a property of a module that the scenario has not."""
-    for one in properties:
-        for named in one.named:
+    """Raise ScenarioError if a property names a module that the scenario does not have."""
+    for prop in properties:
+        for named in prop.named:
             if named.module and named.module.partition("#")[0] not in scenario.modules:
                 raise ScenarioError(
-                    f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                    f"property '{prop}': scenario '{scenario.title}' has no module "
+                    f"'{named.module}'; "
                     f"{nearest_or_all(named.module, scenario.modules)}"
                 )
 
 
 def _check_message_names(
-    scenario: Scenario, properties: Iterable[Property], used: Collection[str]
+    scenario: Scenario, properties: Iterable[Property], used_messages: Collection[str]
 ) -> None:
-    """Raise ScenarioError for the name of a message that is not among all that are handled or
-    *used*.
-    """
-    others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
+    """Raise ScenarioError if the name of a message is not among *used_messages*."""
+    calls = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
     missing = [
-        f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)
+        f"property '{prop}': {words}"
+        for prop in properties
+        for words in _unknown_names(prop, used_messages)
     ]
     missing += [
-        f"{call}: {_missing(name, used)}"
-        for call, names in others
+        f"{call}: {_missing(name, used_messages)}"
+        for call, names in calls
         for name in names
-        if name not in used
+        if name not in used_messages
     ]
     if missing:
         raise ScenarioError(f"it can't be judged: {missing[0]}")
 
 
-def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
-    """The unknown names of messages in a property, as errors in words."""
-    names = dict.fromkeys(named.message for named in one.named if named.message)
-    return (_missing(name, used) for name in names if name not in used)
+def _unknown_names(prop: Property, used_messages: Collection[str]) -> Iterator[str]:
+    """Return an error for each unknown message name in a property."""
+    names = dict.fromkeys(named.message for named in prop.named if named.message)
+    return (_missing(name, used_messages) for name in names if name not in used_messages)
 
 
-def _missing(name: str, used: Collection[str]) -> str:
-    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest_or_all(name, used)}"
+def _missing(name: str, used_messages: Collection[str]) -> str:
+    return (
+        f"there is no message '{name}': no module handles it, and no script uses it; "
+        f"{nearest_or_all(name, used_messages)}"
+    )

@@ -1,10 +1,10 @@
 """The fingerprint of a state: everything that can influence what happens next.
 
-The objects of central and of the scripts are walked from the task tree on and numbered as they are
-met, ids (see identifiers.py) too, so two states are equal if they differ in ids only. *Everything*
-that an object holds is taken in, except what IGNORED lists with its reason. Taking in too much
-costs states that could have been one; leaving out too much would leave runs unexplored. Times are
-relative to now: a period comes to the same state again.
+The objects of central and of the scripts are visited from the task tree on, and numbered in that
+order. Ids (see identifiers.py) are numbered, too, so states that differ only in ids are equal. All
+attributes of an object are included, except those that IGNORED lists with a reason. An attribute
+too many only makes equal states look different; an attribute too few would leave runs unexplored.
+Times are relative to now, so each period of a monitor leads to the same state again.
 """
 
 from collections import deque
@@ -33,135 +33,149 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
-        "untold",  # scripts are told at once
-        "_outputs", "_output_queues",  # met where they are filled
-        "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
-        "memory",  # outcomes only of tasks that a script can ask for: see _add_outcomes
-        "attached", "taps",  # met where they are attached
-        "budget", "answers",  # no exploration is so big
-        "watch_of_condition", "watches",  # met as the conditions of monitors, and at their tasks
+        "unconfirmed",  # scripts receive everything at once
+        "_outputs", "_output_queues",  # visited where they are filled
+        # no search for deadlocks: see Exchange
+        "suspects", "blocked", "search_delay", "search_timer", "scan", "may_have_closed",
+        "memory",  # only outcomes of tasks that a script can ask for: see _add_outcomes
+        "attached", "taps",  # visited where they are attached
+        "budget", "answers",  # no exploration reaches these limits
+        "watch_of_condition", "watches",  # visited as conditions of monitors, and at their tasks
     },
     "TaskTree": {
-        "newest", "tasks",  # ids are only names; all tasks are met as children
-        "never_began",  # only of tasks that a script can name: see _add_outcomes
-        "suspended",  # for people
+        "newest", "tasks",  # ids only identify; all tasks are visited as children
+        "never_began",  # only for tasks that a script can name: see _add_outcomes
+        "suspended",  # for users to read
         "bytes",  # follows from the tasks
-        "across",  # says no more than the constraints
+        "across",  # follows from the constraints
     },
     "Holds": {
         "ending",  # empty between events
         "edges",  # counted from the constraints
-        "ended_followers",  # when to look through them
+        "ended_followers",  # the time of the next clean-up
     },
     "Registry": {
-        "connections",  # met through their modules
+        "connections",  # visited through their modules
         "lost",  # scripts do not reconnect
         "_names",
-        "bytes", "dropped", "look_after",  # counted from the messages; none is forgotten
+        "bytes", "dropped", "next_search",  # counted from the messages; none is forgotten
     },
     "Connection": {
         "id", "session", "number", "last_number", "orphans", "late",  # addresses
-        "hung_after", "doubts", "was_replaced",  # no handler hangs
-        "answers", "answer_bytes",  # scripts repeat nothing
-        "tasks", "untold",  # nor name they anything by its request
-        "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
-        "begins", "known_until",  # for people: when runs began and ended
+        "hung_after", "hang_timers", "was_replaced",  # no handler hangs
+        "answers", "answer_bytes",  # scripts repeat no request
+        "tasks", "unconfirmed",  # scripts name nothing by its request
+        "handling", "waits", "brief_waits", "lost_claims",  # visited as deliveries and requests
+        "begins", "known_until",  # for users to read: the start and end of runs
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
-        "delivered", "failed", "dropped",  # only counted, for people
+        "delivered", "failed", "dropped",  # counters, for users to read
         "candidates",  # follow from the handlers
     },
-    "ModuleResource": {"delivered", "busy", "quick_runs", "replaced"},  # likewise; every handler counts as quick
-    "Module": {"process"},
-    "AttachedHandler": {"holders"},  # for people
-    "Delivery": {
-        "ticket",  # marks void entries of the queue, which are left out
-        "since",  # for people
+    "ModuleResource": {
+        "delivered", "busy", "replaced",  # counters, for users to read
+        "quick_runs",  # every handler counts as quick
     },
-    "Task": {"parent", "size", "sequence"},  # met as a child of it; what follows; its children once more
+    "Module": {"process"},
+    "AttachedHandler": {"holders"},  # for users to read
+    "Delivery": {
+        "ticket",  # marks void entries of the queue, which are not visited
+        "since",  # for users to read
+    },
+    "Task": {
+        "parent",  # the task is visited as its child
+        "size",  # follows from the rest
+        "sequence",  # the children again
+    },
     "Agenda": {"_facts", "waits"},
-    "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
-    "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
-    "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
-    "PendingDelay": {"constraint"},  # as it is recorded
-    "Dispatcher": {"_clock", "_facts", "_out", "_arrivals", "bytes", "handlers"},  # of arrivals see add_rank
-    "MessagesAhead": {"_clock", "_out"},
+    "Resource": {"_sent_by", "numbers"},  # the queue again; for users to read
+    "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # follow from the queue
+    "Clock": {"now", "_asked", "_cancelled"},  # timers are relative to now, in their order
+    "PendingDelay": {"constraint"},  # only recorded
+    "Dispatcher": {
+        "_clock", "_facts", "_out", "bytes", "handlers",
+        "_arrivals",  # see add_rank
+    },
+    "Prefetcher": {"_clock", "_out"},
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
 
 
 OF_LAST_ACTION = {"is_over", "is_new", "is_retried", "has_fired"}
-"""What properties see of a message for one action only."""
+"""The attributes of a message that describe the last action only."""
 
 
 class Detail(msgspec.Struct, frozen=True):
-    """Details that tell states apart though the same happens next: only where somebody needs
-    them.
-    """
+    """Further differences between states, though the same happens next; used only if needed."""
 
     time: bool = False
-    """How long the run has lasted: properties look at it."""
+    """The duration of the run so far: a property reads it."""
     names: bool = False
-    """Which slot has what, and which message is older: who is who can be followed from state to
-    state.
-    """
+    """The slot of each message, and which is older: waiters are followed from state to state."""
 
 
-def recognised(
+def fingerprint_of(
     play: Play, memories: Iterable[int], detail: Detail
 ) -> tuple[bytes, tuple[int, ...]]:
-    """The fingerprint, a digest that differs from those of other states; and the messages under way
-    in an order that is that of all equal states. *memories* are what properties remember.
+    """Return the fingerprint of a state and its messages.
+
+    Args:
+        play: The state.
+        memories: The memories of the properties.
+        detail: Further differences to include.
+
+    Returns:
+        A digest that is unique among different states; and the messages under way, in an order
+        that all equal states have in common.
     """
-    walk = _Walk(play.rivals, play.now)
+    walk = _Walk(play.queue_groups, play.now)
     central = play.central
-    for name, siblings in _by_name(
-        central.tree.top_of_module
-    ):  # so that the order between modules does not show
+    # Sorted by name, so that the order between modules does not show.
+    for name, siblings in _by_name(central.tree.top_of_module):
         walk.add(name)
         walk.add(list(siblings.values()))
     walk.add(central)
     walk.finish()
     _add_modules(walk, play, detail)
     _add_outcomes(walk, play)
-    order = _add_seen(walk, play, detail)
+    order = _add_world(walk, play, detail)
     walk.add([*memories, round(play.now, _DIGITS) if detail.time else None])
     return walk.digest(), order
 
 
 def _by_name(things: dict[Module | None, T]) -> list[tuple[str, T]]:
-    """What modules have, by their names; of namesakes the older first."""
+    """Return the modules' things, sorted by the modules' names; of equal names the older first."""
     return sorted(
-        ((one.name if one else "", thing) for one, thing in things.items()), key=itemgetter(0)
+        ((module.name if module else "", thing) for module, thing in things.items()),
+        key=itemgetter(0),
     )
 
 
 class _Walk:
-    """The objects met so far, and what was written down about them."""
+    """A walk over objects: their numbers, and the values written for the digest."""
 
-    def __init__(self, rivals: dict[str, int], now: float) -> None:
-        self._rivals = rivals
+    def __init__(self, queue_groups: dict[str, int], now: float) -> None:
+        self._queue_groups = queue_groups
         self._now = now
         self._out: list[Any] = []
         self._numbers: dict[int, int] = {}  #: of objects, by id()
-        self._names: dict[tuple[type, int], int] = {}  #: of marks
+        self._names: dict[tuple[type, int], int] = {}  #: numbers of identifiers
         self._unseen: deque[object] = deque()
-        self._later: list[Iterable[Any]] = []  #: containers without order
-        self._ranks: dict[
-            int, list[tuple[int, int]]
-        ] = {}  #: by group of rivals: (arrival, place in _out)
+        self._unordered: list[Iterable[Any]] = []  #: containers whose order does not matter
+        #: By group of messages: (arrival, place in _out).
+        self._ranks: dict[int, list[tuple[int, int]]] = {}
 
     def add(self, value: Any) -> None:
-        """Write down a value; an object by its number, and what it holds when its turn comes."""
+        """Write a value; for an object its number, and its attributes when its turn comes."""
         kind: type = type(value)
         if kind in _PLAIN:
             self._out.append(value)
         else:
-            _way_of(kind)(self, value)
+            _writer_of(kind)(self, value)
 
     def write(self, *plain: Any) -> None:
-        """Write down values as they are."""
+        """Write plain values."""
         self._out += plain
 
     def number_of_name(self, name: int) -> int:
@@ -171,7 +185,7 @@ class _Walk:
         return (type(name), int(name)) in self._names
 
     def number_of(self, thing: object) -> int:
-        """The number of an object; a new one is looked at when its turn comes."""
+        """Return the number of an object; a new one is visited when its turn comes."""
         number = self._numbers.get(id(thing))
         if number is None:
             self._numbers[id(thing)] = number = len(self._numbers)
@@ -179,12 +193,16 @@ class _Walk:
         return number
 
     def finish(self) -> None:
-        """Look at all objects that were met."""
-        while self._unseen or self._later:
+        """Visit all objects that were reached.
+
+        Containers without order come last. Their known members are written in the order of the
+        members' numbers, which does not depend on the order of the container.
+        """
+        while self._unseen or self._unordered:
             while self._unseen:
-                self._look_at(self._unseen.popleft())
-            if self._later:
-                things = self._later.pop(0)
+                self._visit(self._unseen.popleft())
+            if self._unordered:
+                things = self._unordered.pop(0)
                 known = sorted(
                     self._numbers[id(thing)] for thing in things if id(thing) in self._numbers
                 )
@@ -192,7 +210,7 @@ class _Walk:
                 for thing in things:
                     self.number_of(thing)
 
-    def _look_at(self, thing: Any) -> None:
+    def _visit(self, thing: Any) -> None:
         kind: type = type(thing)
         out, add = self._out, self.add
         out.append(kind.__name__)
@@ -200,10 +218,10 @@ class _Walk:
         for value, write in zip(fetch(thing), writes, strict=True):
             if write is not None:
                 write(self, thing, value)
-            elif (of := type(value)) in _PLAIN:  # most are: what add would do, without the call
+            elif (value_type := type(value)) in _PLAIN:  # the commonest case, without a call
                 out.append(value)
-            elif of in _EMPTY and not value:
-                out += _EMPTY[of]
+            elif value_type in _EMPTY and not value:
+                out += _EMPTY[value_type]
             else:
                 add(value)
 
@@ -227,21 +245,19 @@ class _Walk:
             self.add(key)
             self.add(value)
 
-    # --- attributes that are not what they seem ---------------------------------------------------
+    # --- attributes with a form of their own ------------------------------------------------------
 
     def add_rank(self, delivery: Any, arrival: int) -> None:
-        """Only the order of arrivals matters, and only among those that may wait in the same
-        queue.
-        """
-        group = self._rivals.get(delivery.message.name, -1)
+        """Add the rank of an arrival among the messages that may wait in the same queue."""
+        group = self._queue_groups.get(delivery.message.name, -1)
         self._ranks.setdefault(group, []).append((arrival, len(self._out)))
         self._out.append(arrival > 0)
 
     def add_unordered(self, _: object, values: dict[Any, Any]) -> None:
-        self._later.append(list(values.values()))
+        self._unordered.append(list(values.values()))
 
     def add_unordered_keys(self, _: object, values: dict[Any, Any]) -> None:
-        self._later.append(list(values))
+        self._unordered.append(list(values))
 
     def add_by_name(self, _: object, values: dict[str, Any]) -> None:
         for name in sorted(values):
@@ -251,7 +267,7 @@ class _Walk:
     def add_children(self, task: Any, children: dict[int, Any] | None) -> None:
         if task.id:
             self.add(list((children or {}).values()))
-        else:  # nothing looks at all tasks under the root in their order
+        else:  # the order of all tasks under the root influences nothing
             self.add_unordered(task, children or {})
 
     # --- time -------------------------------------------------------------------------------------
@@ -267,7 +283,7 @@ class _Walk:
         self._out.append(_END)
 
     def add_phase(self, watch: Any, since: float) -> None:
-        """Add how much of a monitor's period is over."""
+        """Add the part of a monitor's period that is over."""
         period = watch.options.period
         passed = (
             round((self._now - since) % period, _DIGITS)
@@ -277,9 +293,7 @@ class _Walk:
         self.add(0.0 if passed == round(period, _DIGITS) else passed)
 
     def add_attachment(self, _: object, attached: Any) -> None:
-        """An attachment that may have been removed since: its place among the others is by its
-        age.
-        """
+        """Add an attachment, and its place by age among the others, even if it was removed."""
         self.add(attached)
         place = attached.place
         self._out.append(sum(other.id < attached.id for other in place.attached))
@@ -293,15 +307,15 @@ class _Walk:
         except OverflowError:  # MessagePack has no longer integers
             written = msgspec.msgpack.encode(
                 [
-                    hex(one) if type(one) is int and one.bit_length() > _WIDEST else one
-                    for one in self._out
+                    hex(value) if type(value) is int and value.bit_length() > _WIDEST else value
+                    for value in self._out
                 ]
             )
         return blake2b(written, digest_size=16).digest()
 
 
 _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for code in range(6))
-"""Marks that no value looks like."""
+"""Marks that differ from every value."""
 
 _PLAIN = frozenset((str, bytes, bool, int, float, type(None)))
 _EMPTY: dict[type, tuple[Any, int]] = {
@@ -312,8 +326,8 @@ _EMPTY: dict[type, tuple[Any, int]] = {
 }
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _WIDEST = 63  # bits of an integer
-_DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
-_WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
+_DIGITS = 6  # decimals of seconds: a smaller difference is an error of rounding
+_WRITERS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((Enum,), lambda walk, value: walk.add(value.value)),
     ((Identifier,), lambda walk, name: walk.write(_NAME, walk.number_of_name(name))),
     ((int,), lambda walk, value: walk.write(int(value))),
@@ -321,9 +335,7 @@ _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((list, tuple, deque), _Walk.add_list),
     ((dict,), _Walk.add_dict),
 )
-"""How a value of one of those classes is written down: the first that fits. All else is a thing
-with a number.
-"""
+"""By class: how a value is written; the first that fits. Any other object gets a number."""
 
 
 def _add_thing(walk: _Walk, value: object) -> None:
@@ -331,9 +343,9 @@ def _add_thing(walk: _Walk, value: object) -> None:
 
 
 @cache
-def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
-    """How values of a class that is not plain are written down."""
-    return next((write for classes, write in _WAYS if issubclass(kind, classes)), _add_thing)
+def _writer_of(kind: type) -> Callable[[_Walk, Any], None]:
+    """Return the function that writes values of a class that is not plain."""
+    return next((write for classes, write in _WRITERS if issubclass(kind, classes)), _add_thing)
 
 
 Write = Callable[[_Walk, Any, Any], None]
@@ -369,32 +381,29 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Module", "connections"): _Walk.add_unordered,
     ("Resource", "slots"): _Walk.add_unordered_keys,
     ("Resource", "_queue"): lambda walk, resource, _: walk.add(resource.in_line()),
-    (
-        "Dispatcher",
-        "running",
-    ): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
+    # The order of nested deliveries is that of the scripts on their line.
+    ("Dispatcher", "running"): _Walk.add_unordered,
 }
-"""By class and attribute: of what only a part, or not the order, can influence what happens
-next.
-"""
+"""By class and attribute: how to write it if only a part, or not its order, matters."""
 
 
 @cache
 def _attributes(
     kind: type, names: tuple[str, ...]
 ) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
-    """The getter of the attributes to look at, in slots and of these *names*, and the way each is
-    written down.
+    """Return a getter of the attributes of a class, and the special writer of each.
+
+    The attributes are those in slots and *names*, without IGNORED.
     """
-    assert not issubclass(kind, _CONTAINERS), (
-        f"of a {kind.__name__} nothing but its class would be taken in"
-    )
+    assert not issubclass(kind, _CONTAINERS), f"the items of {kind.__name__} would not be visited"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
     wanted = [
-        name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)
+        name
+        for name in (*slots, *names)
+        if not any(name in IGNORED.get(kind, ()) for kind in kinds)
     ]
-    special = {name: write for (one, name), write in SPECIAL.items() if one in kinds}
+    special = {name: write for (owner, name), write in SPECIAL.items() if owner in kinds}
     fetch = (
         attrgetter(*wanted)
         if len(wanted) > 1
@@ -403,7 +412,7 @@ def _attributes(
     return fetch, tuple(special.get(name) for name in wanted)
 
 
-# --- the modules' side, and what properties see ---------------------------------------------------
+# --- the modules' side, and the world of properties -----------------------------------------------
 
 
 def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
@@ -418,9 +427,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
             walk.add(
                 [
                     number,
-                    line.name
-                    if detail.names or play.scenario.has_messages_ahead
-                    else len(line.actors),
+                    line.name if detail.names or play.scenario.has_prefetch else len(line.actors),
                 ]
             )
             for actor in line.actors:
@@ -435,7 +442,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
             *play.suspended.values(),
         ]
     )
-    walk.add(sorted(play.lived.items()))
+    walk.add(sorted(play.digests.items()))
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
@@ -443,28 +450,28 @@ def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
         [
             has_begun,
             actor.program.name,
-            actor.life.number,
+            actor.script_run.number,
             actor.delivery,
             actor.number,
             actor.step is None,
-            actor.is_told,
-            actor.was_told,
-            actor.knows,
+            actor.is_killed,
+            actor.was_ending,
+            actor.knows_of_kill,
             actor.is_ending,
-            actor.knows_end,
+            actor.knows_of_module_end,
             actor.suspended[-1],
             len(set(actor.suspended)),
             *actor.known,
-            list(actor.uses),
+            list(actor.reply_uses),
         ]
     )
     for place, request in actor.requests.items():
         walk.add([place, request.number, request.is_over, list(request.unread)])
-    walk.add_time(actor, actor.late_at)
+    walk.add_time(actor, actor.times_out_at)
 
 
 def _add_outcomes(walk: _Walk, play: Play) -> None:
-    """How tasks ended that somebody can still ask for, or constrain."""
+    """Add the outcomes of ended tasks that a script can still ask for or constrain."""
     never_began = play.central.tree.never_began
     known = {
         walk.number_of_name(key): ended
@@ -481,10 +488,8 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
     walk.add([*sorted(unbegun.items())])
 
 
-def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
-    """Add the state that properties see; return the messages in the order in which they were
-    added.
-    """
+def _add_world(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
+    """Add the state that properties see; return the messages in the order of their numbers."""
     known = {walk.number_of_name(item.id): item for item in play.world.messages if not item.is_over}
     if detail.names:
         walk.add(list(known))  # oldest first
@@ -497,17 +502,17 @@ def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
 
 
 def _add_message(walk: _Walk, item: MessageRecord, now: float) -> None:
-    """Add all of a message that properties see, and what the rules hold against it later."""
+    """Add all that properties see of a message, and all that the rules need later."""
     walk.add(
         [item.id, item.parent_id, item.about, item.sent_by, item.never_began, item.has_resolved]
     )
     walk.add(
         [item.recovering, *(getattr(item, name) for name in SEEN if name not in OF_LAST_ACTION)]
     )
-    walk.add([_out_of_time(hold, now) for hold in item.holds if not hold.is_over])
+    walk.add([_without_times(hold, now) for hold in item.holds if not hold.is_over])
 
 
-def _out_of_time(hold: Hold, now: float) -> list[Any]:
-    """A constraint; if its delay has begun, with how much of that is left."""
+def _without_times(hold: Hold, now: float) -> list[Any]:
+    """Return the values of a constraint, with the rest of its delay if that has started."""
     left = None if hold.due is None else round(hold.due - now, _DIGITS)
     return [hold.moment, hold.constraint.before, hold.constraint.delay if left is None else left]

@@ -1,10 +1,9 @@
-"""A play as bytes, to go on from it more than once: faster than playing it again, however long the
-run.
+"""A play as bytes. Loading it takes less time than replaying the run, however long the run is.
 
-Pickle copies what a play holds, except what all plays share (the scenario, its programs, what
-scripts have lived, the rules and life cycles of tasks): that is named by its number in memory, so
-snapshots are good for this process only. Where central's results go (``Central.connect_outputs``)
-is no state, and made anew for the copy.
+Pickle copies all that a play holds except the objects that all plays share: the scenario, programs,
+script runs and life cycles of tasks. The snapshot refers to shared objects by their ``id()``, so it
+is valid in this process only. The connections of central's outputs
+(``Central.connect_outputs``) are no state, and are recreated for the copy.
 """
 
 import io
@@ -28,7 +27,7 @@ _EMPTY: dict[type, Callable[[], Any]] = {
     type(Lock()): Lock,
     WeakValueDictionary: WeakValueDictionary,
 }
-"""Of a slot's session: nothing of a scenario is in these."""
+"""Types in a slot's session that hold nothing of a scenario: the copy gets an empty one."""
 
 _ATOMS = (MessageId, RequestNumber)
 
@@ -36,13 +35,14 @@ _ATOMS = (MessageId, RequestNumber)
 
 
 class Snapshots:
-    """Makes snapshots, and plays of them."""
+    """Saves plays as snapshots, and loads them."""
 
     def __init__(self) -> None:
-        self._shared: dict[int, Any] = {}  #: by id(); kept, so that the ids stay theirs
+        # By id(). The references keep the objects alive, so that no id is used again.
+        self._shared: dict[int, Any] = {}
 
     def save(self, play: Play) -> bytes:
-        """A play that can be had again."""
+        """Return a snapshot of *play*, which stays usable."""
         out, central = io.BytesIO(), play.central
         central._outputs = central._output_queues = ()
         _Pickler(out, self._shared).dump(play)
@@ -50,10 +50,10 @@ class Snapshots:
         return out.getvalue()
 
     def load(self, snapshot: bytes) -> Play:
-        """A play as it was when it was saved."""
+        """Return a new play in the state that was saved."""
         _loading.append(self._shared)
         try:
-            found: Play = pickle.loads(snapshot)  # noqa: S301 - it is our own
+            found: Play = pickle.loads(snapshot)  # noqa: S301 - written by ``save`` above
         finally:
             _loading.pop()
         found.central.connect_outputs()
@@ -66,7 +66,7 @@ class _Pickler(pickle.Pickler):
         self._shared = shared
 
     def reducer_override(self, thing: Any) -> Any:
-        """Called for all but plain values."""
+        """Return how *thing* is pickled; pickle calls this for all but plain values."""
         kind = type(thing)
         if kind in _ATOMS:
             return kind, (int(thing),)
@@ -74,7 +74,7 @@ class _Pickler(pickle.Pickler):
             return _EMPTY[kind], ()
         if isinstance(thing, _SHARED):
             self._shared[id(thing)] = thing
-            return _known, (id(thing),)
+            return _shared_object, (id(thing),)
         return NotImplemented
 
 
@@ -82,5 +82,5 @@ _loading: list[dict[int, Any]] = []
 """The objects shared with the snapshot that is being loaded."""
 
 
-def _known(number: int) -> Any:
+def _shared_object(number: int) -> Any:
     return _loading[-1][number]

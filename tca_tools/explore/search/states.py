@@ -1,4 +1,4 @@
-"""The findings of an exploration: states, the ways between them, and in the end a result."""
+"""The findings of an exploration: states, the ways between them, and the result."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,17 +10,16 @@ from tca_tools.explore.scenario.scenario import Scenario
 
 
 class Violation(msgspec.Struct, frozen=True):
-    """Something that must be true and is not, after these actions."""
+    """A condition that must be true, and a run in which it is not."""
 
     broken: str
-    """The condition that must be true."""
+    """The condition."""
     why: str
     """The error in the last state."""
     actions: tuple[Action, ...]
-    circle: tuple[Action, ...] = ()
-    """Actions that come after these again and again, for ever, where a run that never ends shows
-    it.
-    """
+    """The run, from its start."""
+    cycle: tuple[Action, ...] = ()
+    """The actions that follow *actions* and repeat forever; empty if the run is finite."""
 
 
 class Result(msgspec.Struct, frozen=True):
@@ -29,28 +28,27 @@ class Result(msgspec.Struct, frozen=True):
     scenario: Scenario
     states: int
     steps: int
-    """Ways from one state to another."""
+    """The number of ways from one state to another."""
     ends: int
-    """States in which nothing further need happen."""
+    """The number of states in which a run may end."""
     longest: int | None
-    """Actions of the longest run; None if a run need not end, or not all were explored."""
+    """The actions of the longest run; None if a run may never end, or not all were explored."""
     is_complete: bool
     """Whether all runs were explored."""
     violation: Violation | None = None
+    """The condition that a run violates; None if no run does."""
     vacuous: tuple[str, ...] = ()
-    """Properties that hold because what they are about never was: "'a before b': there never is
-    'b'".
+    """Properties that hold only because their case never arises: "'a before b': 'b' is never true".
     """
     outcomes: dict[bytes, tuple[Action, ...]] = {}
-    """Where modules have a prefetch: what was done, got and left in runs that end, and the shortest
-    such run.
-    """
+    """By digest of the end of a run: the shortest such run; empty without a prefetch."""
     branching: tuple[str, ...] = ()
-    """The commonest alternatives in states, with the part of the states: "steps of arm (61 %)"."""
+    """The commonest alternatives in states, with their part of the states: "steps of arm (61 %)".
+    """
 
     @property
     def ok(self) -> bool:
-        """Whether everything is true in all runs, and all runs were explored."""
+        """Whether all runs were explored, and all properties hold in all of them."""
         return self.is_complete and self.violation is None
 
 
@@ -60,13 +58,13 @@ class SearchState:
 
     before: "SearchState | None"
     action: Action | None
-    memories: tuple[int, ...]  #: of the properties
+    memories: tuple[int, ...]  #: one of each property
     ways: "list[Way]" = field(default_factory=list)
-    order: tuple[int, ...] = ()  #: the messages under way, in the order of all equal states
-    snapshot: bytes | None = None  #: of its play, until it has been left; None: play it again
+    order: tuple[int, ...] = ()  #: the messages under way, in an order common to all equal states
+    snapshot: bytes | None = None  #: its play, until it is expanded; None: replay the run
 
     def actions(self) -> tuple[Action, ...]:
-        """The shortest way here."""
+        """Return the actions of the shortest run to this state."""
         actions: list[Action] = []
         state = self
         while state.before is not None and state.action is not None:
@@ -76,18 +74,19 @@ class SearchState:
 
 
 class Way(NamedTuple):
-    """From a state to one that follows it."""
+    """A transition from a state to one that follows it."""
 
     action: Action
     to: SearchState
-    carried: tuple[int, ...]
-    """By place of what waits before: its place among what waits after, or -1 where it waits no
-    longer for the same. Empty where no circles are looked for.
+    new_places: tuple[int, ...]
+    """For each waiter before, its place among the waiters after; -1 if it no longer waits.
+
+    Empty if the search does not look for cycles.
     """
 
 
 def replayed(scenario: Scenario, state: SearchState) -> Play:
-    """Play the run to a state again: it takes as long as the run is."""
+    """Return a play of the state, by replaying its run from the start."""
     play = Play(scenario)
     for action in state.actions():
         play.perform(action)

@@ -1,4 +1,4 @@
-"""The result of an exploration as text; a counterexample as the story of its run."""
+"""The result of an exploration as text, with a counterexample as a numbered list of actions."""
 
 from contextlib import suppress
 
@@ -12,7 +12,11 @@ from tca_wire.text.facts_in_words import Wording
 
 
 def report(result: Result) -> str:
-    """A line, or a counterexample: one line per action and, indented, what central recorded."""
+    """Return *result* as text: one line, or the counterexample.
+
+    A counterexample has one numbered line for each action; below it, indented, the facts that
+    central recorded.
+    """
     title, violation = result.scenario.title, result.violation
     size = f"{result.states:,} states"
     if violation is not None:
@@ -21,31 +25,34 @@ def report(result: Result) -> str:
                 [f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)]
             )
     if not result.is_complete:
-        line = f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
-        most = ", ".join(result.branching)
-        return line + (
-            f"\n  open beside other things: {most}; leave out what the question needs least"
-            if most
-            else ""
+        line = (
+            f"{title}: not known, nothing wrong in the first {size}: "
+            "make the scenario smaller, or raise the limit"
         )
+        most = ", ".join(result.branching)
+        advice = f"\n  commonest alternatives: {most}; leave out those that you need least"
+        return line + (advice if most else "")
     longest = (
-        "some runs need not end"
+        "some runs may never end"
         if result.longest is None
         else f"at most {result.longest} actions a run"
     )
     return "\n".join(
-        [f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)]
+        [
+            f"{title}: good, {size}, {longest}",
+            *(f"  holds vacuously: {text}" for text in result.vacuous),
+        ]
     )
 
 
 def _story(result: Result, violation: Violation) -> list[str]:
     play, wording, lines = Play(result.scenario), Wording(), []
     stem = len(violation.actions)
-    for number, action in enumerate((*violation.actions, *violation.circle), start=1):
+    for number, action in enumerate((*violation.actions, *violation.cycle), start=1):
         if number == stem + 1:
-            lines.append("and then again and again:")
+            lines.append("then this cycle repeats forever:")
         lines.append(f"{number:3}. {describe(play, action)}")
-        with suppress(CentralFault):  # that is what is wrong then
+        with suppress(CentralFault):  # then it is the violation itself, and shown below
             play.perform(action)
         lines += [f"       {line}" for fact in play.facts if (line := _line(wording, fact))]
     return [

@@ -1,3 +1,1 @@
-"""A run as a Perfetto trace: which tracks there are and what is on them (pure), and how that is
-written.
-"""
+"""A run as a Perfetto trace: its tracks with their events, and the file format."""

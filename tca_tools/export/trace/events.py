@@ -1,10 +1,9 @@
-"""The parts of a trace: tracks, and events on them. Knows nothing of what they show, nor of the
-file's format.
+"""The parts of a trace: tracks, and events on them.
 
-Perfetto's rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"): slices of one track lie
-within each other or apart, an end closes the slice that was begun last, and what overlaps needs
-tracks of its own; the page shows siblings of one name as one track. A flow is an arrow from slice
-to slice, in the order of their times.
+Perfetto has these rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"). Slices of one
+track are nested or disjoint, and an end closes the slice that started last. Overlapping slices need
+several tracks. The page shows siblings of one name as one track. A flow is an arrow from slice to
+slice, in the order of their times.
 """
 
 import heapq
@@ -25,14 +24,14 @@ Details = dict[str, Any]
 
 
 class TraceSpan(NamedTuple):
-    """From when until when (None: it goes on); in nanoseconds."""
+    """A span in nanoseconds; the end is None if it has not ended."""
 
     start: int
     end: int | None
 
     @property
     def last(self) -> float:
-        """Its end, however late."""
+        """Its end; infinity if it has not ended."""
         return inf if self.end is None else self.end
 
 
@@ -46,13 +45,14 @@ class EventKind(IntEnum):
 
 
 class Event(NamedTuple):
-    """Something on a track. Events are sorted by their first three fields."""
+    """An event on a track. Events are sorted by their first three fields."""
 
     time: int
-    """In nanoseconds."""
+    """The time in nanoseconds."""
     is_arrival: bool
-    """Whether an arrow leads here: such an event comes after others of its time, where the arrow
-    may begin.
+    """Whether an arrow leads to it.
+
+    It then follows the other events of its time, as the arrow may start at one.
     """
     track: int
     kind: EventKind
@@ -62,7 +62,7 @@ class Event(NamedTuple):
     """The details that the page shows when the event is clicked; None values are left out."""
     flows: Sequence[int] = ()
     value: int = 0
-    """Of a counter."""
+    """The value of a counter."""
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class Track:
     uuid: int
     name: str
     parent: int
-    """The uuid of the track that it is under; 0: none."""
+    """The uuid of its parent track; 0 for none."""
     rank: int
     """Its place among its siblings."""
     is_counter: bool
@@ -87,7 +87,7 @@ class Track:
         details: Details | None = None,
         flow: int | None = None,
     ) -> Event:
-        """The begin of a slice; *flow* is the arrow that leads to it."""
+        """Return the start of a slice; *flow* is the arrow that leads to it."""
         flows = [flow] if flow else []
         return Event(
             span.start, flow is not None, self.uuid, EventKind.BEGIN, name, category, details, flows
@@ -96,12 +96,13 @@ class Track:
     def instant(
         self, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()
     ) -> Event:
-        """Something that takes no time; *flows* are the arrows that begin here."""
+        """Return an event without duration; *flows* are the arrows that start here."""
         return Event(time, False, self.uuid, EventKind.INSTANT, name, category, details, flows)
 
     def slices(self, spans: Iterable[tuple[TraceSpan, Event]]) -> Iterator[Event]:
-        """Slices from their begins; the spans lie within each other or apart, and are sorted,
-        outermost first.
+        """Yield the events of slices, given their spans and starts.
+
+        The spans are nested or disjoint, and sorted by start, the outer ones first.
         """
         around: list[TraceSpan] = []
         for span, event in spans:
@@ -113,13 +114,13 @@ class Track:
             yield from self._end(around.pop())
 
     def within(self, span: TraceSpan, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
-        """A slice with what is inside it; of events of one time, those of the first come first."""
+        """Yield a slice with the events in it; at equal times, earlier arguments come first."""
         yield outer
         yield from in_order(*inside)
         yield from self._end(span)
 
     def counter(self, spans: Iterable[TraceSpan]) -> Iterator[Event]:
-        """How many of the spans there are at a time: an event wherever that changes."""
+        """Yield a counter event at each change of the number of spans that contain the time."""
         for time, number in levels((span.start, span.last) for span in spans):
             if time < inf:
                 yield Event(int(time), False, self.uuid, EventKind.COUNTER, value=number)
@@ -130,7 +131,7 @@ class Track:
 
 
 class Trace:
-    """Tracks in the making."""
+    """A trace: a collection of tracks."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -141,8 +142,10 @@ class Trace:
     def add(
         self, name: str, parent: Track | None = None, rank: int = 0, *, is_counter: bool = False
     ) -> Track:
-        """A new track without events. Siblings of one name and rank are shown as one; of another
-        rank it is renamed.
+        """Add a track without events, and return it.
+
+        The page shows siblings of equal name and rank as one. A track with the name of a sibling
+        of another rank is renamed.
         """
         above = parent.uuid if parent else 0
         while self._ranks.setdefault((above, name), rank) != rank:
@@ -152,7 +155,7 @@ class Trace:
         return track
 
     def span(self, start: float, end: float | None) -> TraceSpan:
-        """A span of seconds in nanoseconds."""
+        """Return a span of seconds in nanoseconds."""
         first = self.nanoseconds(start)
         return TraceSpan(first, None if end is None else max(self.nanoseconds(end), first))
 
@@ -162,13 +165,14 @@ class Trace:
 
 
 def in_order(*events: Iterable[Event]) -> Iterator[Event]:
-    """Events of one track by time; of those of one time, the first argument's come first."""
+    """Merge the events of a track by time; at equal times, earlier arguments come first."""
     return heapq.merge(*events, key=itemgetter(0))
 
 
 def in_lanes(spans: Iterable[tuple[TraceSpan, T]]) -> list[list[tuple[TraceSpan, T]]]:
-    """Each span, with what belongs to it, in the first lane that is free when it starts. In a lane
-    none overlap.
+    """Assign each span to the first lane that is free when it starts.
+
+    Return the lanes, each with its spans and their objects.
     """
     found: dict[int, list[tuple[TraceSpan, T]]] = defaultdict(list)
     ordered = sorted(spans, key=lambda pair: pair[0].start)

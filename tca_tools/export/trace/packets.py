@@ -1,5 +1,4 @@
-"""A trace as a file that Perfetto opens: TrackEvent packets, in the order of time, with names
-written once.
+"""A trace as a Perfetto file: TrackEvent packets in the order of time, with each name written once.
 
 The packets follow perfetto.dev, "Writing TrackEvent Protos Synthetically".
 """
@@ -19,11 +18,11 @@ _SEQUENCE = 1
 _NAMED = (EventKind.BEGIN, EventKind.INSTANT)
 _NAMELESS = "?"
 _REALTIME, _BOOTTIME = 1, 6
-_STARTS_ANEW, _NEEDS_NAMES = 1, 2
+_RESETS_NAMES, _NEEDS_NAMES = 1, 2
 _BY_RANK = 3
 _LONGEST_TEXT = 2000
 _MOST_PARTS = 50
-"""Data with more text or more parts are shown as text, as it is in JSON, and cut."""
+"""Data with more text or more parts are written as JSON text, which is cut."""
 _LARGEST, _SMALLEST = (1 << 63) - 1, -(1 << 63)
 
 
@@ -32,7 +31,7 @@ def write_trace(run: Run, stream: BinaryIO) -> None:
     trace = Trace(run)
     add_task_tree(trace)
     add_modules(trace)
-    if run.is_live and run.times:  # what has not ended lasts until the trace ends
+    if run.is_live and run.times:  # this event sets the end of the trace, up to which spans extend
         track = trace.add("run", rank=1)
         now = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
         track.events = iter(
@@ -48,91 +47,88 @@ def write_trace(run: Run, stream: BinaryIO) -> None:
 
 
 class _Writer:
-    """Writes packets; remembers which names have been written."""
+    """Writes packets, and remembers the names that are already in the file."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._builder = StreamingTraceProtoBuilder(stream)
         self._names: dict[str, int] = {}
         self._categories: dict[str, int] = {}
         self._keys: dict[str, int] = {}
-        self._flags = _STARTS_ANEW | _NEEDS_NAMES
+        self._flags = _RESETS_NAMES | _NEEDS_NAMES
 
     def clocks(self, began: int) -> None:
-        """Say what time of the day it was when the trace's clock showed nothing."""
+        """Write the wall-clock time at which the trace's clock was zero."""
         packet = self._packet()
         for clock, time in ((_BOOTTIME, 0), (_REALTIME, began)):
             packet.clock_snapshot.clocks.add(clock_id=clock, timestamp=time)
         self._builder.write_packet(packet)
 
     def track(self, track: Track) -> None:
-        """Describe a track."""
+        """Write the description of a track."""
         packet = self._packet()
-        described = packet.track_descriptor
-        described.uuid, described.name = track.uuid, track.name or _NAMELESS
+        descriptor = packet.track_descriptor
+        descriptor.uuid, descriptor.name = track.uuid, track.name or _NAMELESS
         if track.parent:
-            described.parent_uuid, described.sibling_order_rank = track.parent, track.rank
+            descriptor.parent_uuid, descriptor.sibling_order_rank = track.parent, track.rank
         else:
-            described.child_ordering = _BY_RANK
+            descriptor.child_ordering = _BY_RANK
         if track.is_counter:
-            described.counter.unit_name = "messages"
+            descriptor.counter.unit_name = "messages"
         self._builder.write_packet(packet)
 
     def event(self, event: Event) -> None:
         """Write an event."""
         packet = self._packet()
         packet.timestamp = event.time
-        written = packet.track_event
-        written.type, written.track_uuid = int(event.kind), event.track
+        packed = packet.track_event
+        packed.type, packed.track_uuid = int(event.kind), event.track
         if event.kind is EventKind.COUNTER:
-            written.counter_value = event.value
+            packed.counter_value = event.value
         if event.kind in _NAMED:
             known = packet.interned_data
-            written.name_iid = _number(self._names, event.name or _NAMELESS, known.event_names)
-            written.category_iids.append(
+            packed.name_iid = _number(self._names, event.name or _NAMELESS, known.event_names)
+            packed.category_iids.append(
                 _number(self._categories, event.category, known.event_categories)
             )
-            written.flow_ids.extend(event.flows)
+            packed.flow_ids.extend(event.flows)
             for key, value in (event.details or {}).items():
                 if value is not None:
-                    told = written.debug_annotations.add()
-                    told.name_iid = _number(self._keys, key, known.debug_annotation_names)
-                    _put(told, _shortened(value))
+                    annotation = packed.debug_annotations.add()
+                    annotation.name_iid = _number(self._keys, key, known.debug_annotation_names)
+                    _write_value(annotation, _shortened(value))
         self._builder.write_packet(packet)
 
     def _packet(self) -> Any:
         packet = TracePacket(trusted_packet_sequence_id=_SEQUENCE, sequence_flags=self._flags)
-        if self._flags & _STARTS_ANEW:
+        if self._flags & _RESETS_NAMES:
             packet.first_packet_on_sequence = True
         self._flags = _NEEDS_NAMES
         return packet
 
 
-def _number(known: dict[str, int], name: str, written: Any) -> int:
-    """The number that stands for a name, which is written with the first packet that needs it."""
+def _number(known: dict[str, int], name: str, packed: Any) -> int:
+    """Return the number of a name. The first packet that needs the name defines the number."""
     if name not in known:
         known[name] = len(known) + 1
-        written.add(iid=known[name], name=name)
+        packed.add(iid=known[name], name=name)
     return known[name]
 
 
 def _shortened(value: Any) -> Any:
-    """Plain data, as text if they are too long or have too many parts."""
+    """Return plain data, as text if they are too long or have too many parts."""
     text = json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else ""
-    return (
-        text
-        if len(text) > _LONGEST_TEXT or text.count("{") + text.count("[") > _MOST_PARTS
-        else value
-    )
+    is_large = len(text) > _LONGEST_TEXT or text.count("{") + text.count("[") > _MOST_PARTS
+    return text if is_large else value
 
 
-def _put(annotation: Any, value: Any) -> None:
-    """Write plain data, parts as parts."""
+def _write_value(annotation: Any, value: Any) -> None:
+    """Write plain data; dictionaries and lists keep their structure."""
     if isinstance(value, dict):
         for key, item in value.items():
-            _put(annotation.dict_entries.add(name=key), item)
+            _write_value(annotation.dict_entries.add(name=key), item)
     elif isinstance(value, list):
         for item in value:
-            _put(annotation.array_values.add(), item)
+            _write_value(annotation.array_values.add(), item)
     elif isinstance(value, bool):
         annotation.bool_value = value
     elif isinstance(value, int) and _SMALLEST <= value <= _LARGEST:

@@ -1,8 +1,8 @@
-"""The tracks of a trace. Pure.
+"""The tracks of a trace.
 
-One for each depth of the task tree, on which every task is a slice with its states inside; and a
-group for each module:
-what each resource handled, waited for, kept waiting, and what was sent.
+Each depth of the task tree has a track, on which a task is a slice with its states inside. Each
+module has a group of tracks: for handled and queued messages, waits of handlers, locks, and sent
+messages.
 """
 
 from collections import defaultdict
@@ -23,18 +23,18 @@ from tca_tools.export.trace.events import (
     in_lanes,
     in_order,
 )
-from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.fates import run_continued, run_continued_after
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment, describe_moments
 from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import Outcome
 
-# --- the details that are shown when something is clicked -----------------------------------------
+# --- the details that the page shows of an event --------------------------------------------------
 
 
 def of_message(run: Run, message: Message) -> Details:
-    """A message: its data, its sender, its purpose."""
+    """Return the details of a message."""
     parent = message.parent if isinstance(message, Task) else 0
     return {
         "id": message.id,
@@ -49,7 +49,7 @@ def of_message(run: Run, message: Message) -> Details:
 
 
 def of_task(run: Run, task: Task) -> Details:
-    """A task, as it was in the end."""
+    """Return the details of a task at its end."""
     return of_message(run, task) | {
         "state": str(task.state),
         "failure": task.failure or None,
@@ -61,7 +61,7 @@ def of_task(run: Run, task: Task) -> Details:
 
 
 def of_handling(run: Run, handling: Handling) -> Details:
-    """A run of a handler; of the last one with what came of the message."""
+    """Return the details of a handler run; the last run has the results of the message, too."""
     message = run.messages.get(handling.message_id)
     details: Details = {"directly from": handling.direct_from or None} | (
         of_message(run, message) if message else {}
@@ -76,7 +76,7 @@ def of_handling(run: Run, handling: Handling) -> Details:
 
 
 def of_wait(run: Run, wait: HandlerWait) -> Details:
-    """A wait of a handler."""
+    """Return the details of a handler's wait."""
     return {
         "kind": str(of_handler_wait(run, wait).kind),
         "for": run.describe(wait.awaited),
@@ -87,14 +87,12 @@ def of_wait(run: Run, wait: HandlerWait) -> Details:
 # --- modules --------------------------------------------------------------------------------------
 
 Sent = dict[int | str, list[Message]]
-"""The messages sent by each handling (by its identity), or by each module where the handling is not
-known.
-"""
+"""The messages that were sent, by ``id()`` of the handling, or by module outside of handlers."""
 Waits = list[tuple[TraceSpan, HandlerWait]]
 
 
 def add_modules(trace: Trace) -> None:
-    """A group for every module, for central if it sent anything, and for what nobody handles."""
+    """Add a group for each module, for central if it sent anything, and for unhandled messages."""
     run, places = trace.run, _places(trace)
     sent: Sent = defaultdict(list)
     for message in run.messages.values():
@@ -111,11 +109,11 @@ def add_modules(trace: Trace) -> None:
 
 
 def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
-    """By module and resource."""
+    """Return the resources of the run, by module and resource."""
     places: dict[tuple[str, str], _Place] = defaultdict(_Place)
     for module in trace.run.modules.values():
         for resource in module.resources:
-            places[module.name, resource]  # its row is there, if empty
+            places[module.name, resource]  # creates it, even if it stays empty
     for run in trace.run.handlings:
         places[run.module, run.resource].handlings.append((trace.span(run.start, run.end), run))
     for wait in trace.run.queueings:
@@ -131,7 +129,7 @@ def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
 
 
 class _Place:
-    """A resource: what happened in it and before it."""
+    """A resource: its handlings, queue and claims."""
 
     def __init__(self) -> None:
         self.handlings: list[tuple[TraceSpan, Handling]] = []
@@ -139,7 +137,7 @@ class _Place:
         self.claims: list[tuple[TraceSpan, Claim]] = []
 
     def add_to(self, group: Track, ranks: Iterator[int], name: str, sent: Sent) -> None:
-        """Tracks for handlings, waits that overlap, claims, the queue and its length."""
+        """Add tracks for handlings, overlapping waits, claims, the queue and its length."""
         trace, rank = group.trace, next(ranks)
         further: Waits = []
         for lane in in_lanes(self.handlings):
@@ -164,7 +162,7 @@ Begin = Callable[[Track, TraceSpan, Any], Event]
 def _add_lanes(
     group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
 ) -> None:
-    """As many tracks of one name as it takes."""
+    """Add as many tracks of one name as the spans need."""
     for lane in in_lanes(spans):
         track = group.trace.add(name, group, rank)
         track.events = _slices(track, lane, of)
@@ -177,7 +175,7 @@ def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> 
 def _run(
     track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]
 ) -> Iterator[Event]:
-    """A handling with its waits, what it sent, and its failure."""
+    """Yield a handling with its waits, its sent messages, and its failure."""
     run = track.trace.run
     flow = _flow(run.messages.get(handling.message_id), handling.delivery)
     outer = track.begin(span, handling.name, "handling", of_handling(run, handling), flow)
@@ -190,17 +188,17 @@ def _run(
 
 
 def _failure(run: Run, handling: Handling) -> Details:
-    """The failure that was raised when a handling ended."""
+    """Return the details of the failure at the end of a handling."""
     message = run.messages.get(handling.message_id)
     end = handling.until
     failure = (
         message.was("failure", end) if message and message.written("failure", end) == end else None
     )
-    return {"failure": failure, "handled": has_coped(run, handling)}
+    return {"failure": failure, "handled": run_continued_after(run, handling)}
 
 
 def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> Waits:
-    """The waits of a handler, none longer than itself."""
+    """Return the waits of a handler, cut at its end."""
     spans = [(trace.span(wait.start, wait.end), wait) for wait in handling.waits]
     if around.end is None:
         return spans
@@ -211,35 +209,37 @@ def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> Waits:
 
 
 def _flow(message: Message | None, delivery: int = 0) -> int:
-    """The arrow that leads to a handling or a wait in a queue: one along all stations of a message,
-    but to each receiver of many one.
+    """Return the number of the arrow to a handling or a wait in a queue; 0 for none.
+
+    A message has one arrow through all its handlings and waits; a copy of a broadcast has its own.
     """
-    return 0 if message is None else delivery if message.message_class.fans_out else message.id
+    if message is None:
+        return 0
+    return delivery if message.message_class.fans_out else message.id
 
 
 def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
-    """Where messages were sent; those of one moment are one event."""
+    """Yield an event for each moment at which messages were sent."""
     for time, group in groupby(
         messages, key=lambda message: track.trace.nanoseconds(message.received)
     ):
         sent = list(group)
         flows = [
             flow
-            for one in sent
-            for flow in dict.fromkeys(_flow(one, run.delivery) for run in one.handlings)
+            for message in sent
+            for flow in dict.fromkeys(_flow(message, run.delivery) for run in message.handlings)
         ]
-        flows += [one.id for one in sent if one.queueings and not one.handlings]
-        what = sent[0].name if len(sent) == 1 else f"{len(sent)} messages"
-        details = (
-            of_message(track.trace.run, sent[0])
-            if len(sent) == 1
-            else {"messages": [str(one) for one in sent]}
-        )
-        yield track.instant(time, f"sends {what}", "sent", details, flows)
+        flows += [message.id for message in sent if message.queueings and not message.handlings]
+        if len(sent) == 1:
+            name, details = sent[0].name, of_message(track.trace.run, sent[0])
+        else:
+            name = f"{len(sent)} messages"
+            details = {"messages": [str(message) for message in sent]}
+        yield track.instant(time, f"sends {name}", "sent", details, flows)
 
 
 def _add_outside(group: Track, rank: int, sent: list[Message]) -> None:
-    """Add the waits and messages of a module while none of its handlers ran."""
+    """Add the waits and sent messages of a module outside of its handlers."""
     trace = group.trace
     module = trace.run.modules.get(group.name)
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
@@ -250,7 +250,7 @@ def _add_outside(group: Track, rank: int, sent: list[Message]) -> None:
 
 
 def _connected(group: Track) -> Iterator[Event]:
-    """From when until when a module was connected, on the line of its group."""
+    """Yield the spans in which a module was connected, for the track of its group."""
     module = group.trace.run.modules.get(group.name)
     spans = [group.trace.span(start, end) for start, end in module.joined] if module else []
     return group.slices((span, group.begin(span, "connected", "module")) for span in spans)
@@ -258,8 +258,8 @@ def _connected(group: Track) -> Iterator[Event]:
 
 def _waiting(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
     run = track.trace.run
-    what = "a lock" if wait.awaited in run.claims else run.name(wait.awaited)
-    return track.begin(span, f"waits for {what}", "waiting", of_wait(run, wait))
+    name = "a lock" if wait.awaited in run.claims else run.name(wait.awaited)
+    return track.begin(span, f"waits for {name}", "waiting", of_wait(run, wait))
 
 
 def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
@@ -277,11 +277,11 @@ def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
 # --- the task tree --------------------------------------------------------------------------------
 
 _DEEPEST = 12
-"""Deeper tasks share one track: a tree may be a hundred thousand tasks deep."""
+"""The greatest depth with a track of its own; deeper tasks share the last one."""
 
 
 def add_task_tree(trace: Trace) -> None:
-    """Tracks for all tasks, those at the top first; each lasts from its birth to its end."""
+    """Add tracks for all tasks, top-level ones first; a slice goes from sending to the end."""
     depths: dict[int, int] = {}
     levels = defaultdict(list)
     for task in trace.run.tasks.values():
@@ -302,39 +302,45 @@ def _task(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
 
 
 def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
-    """The states that it was in until its end."""
+    """Yield the states of a task until its end."""
     stages: list[tuple[float, str]] = [
         (track.trace.nanoseconds(time), str(state)) for time, state in task.states
     ]
-    found = []
+    stages_with_events = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
         if start < end:
             stage = TraceSpan(int(start), None if end == inf else int(end))
-            found.append((stage, track.begin(stage, state, "state")))
-    return track.slices(found)
+            stages_with_events.append((stage, track.begin(stage, state, "state")))
+    return track.slices(stages_with_events)
 
 
 def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
-    """Its failures and kills, and what was asked of it and told of it while it went on."""
+    """Return the events of a task: failures, kills, and changes of its state."""
     trace = track.trace
-    news: list[tuple[float, str, str, Details]] = [
-        (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
+    moments: list[tuple[float, str, str, Details]] = [
+        (
+            time,
+            "failed",
+            "failure",
+            {"failure": text, "handled": run_continued(trace.run, task, time)},
+        )
         for time, text in task.failures
     ]
-    news += [
+    moments += [
         (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
         for time, why in task.became("killed")
         if why is not None
     ]
-    for one in task.life:
+    for change in task.life:
         details: Details = {
-            "state": one.state,
-            "by": one.module or str(one.by),
-            "why": one.text or None,
+            "state": change.state,
+            "by": change.module or str(change.by),
+            "why": change.text or None,
+            "data": plain_data(change.body),
         }
-        news.append((one.time, one.transition, "change", details | {"data": plain_data(one.body)}))
+        moments.append((change.time, change.transition, "change", details))
     return [
         track.instant(int(min(trace.nanoseconds(time), span.last)), name, category, details)
-        for time, name, category, details in sorted(news, key=itemgetter(0))
+        for time, name, category, details in sorted(moments, key=itemgetter(0))
     ]

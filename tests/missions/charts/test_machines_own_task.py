@@ -189,7 +189,7 @@ def test_what_the_server_does_not_offer_is_found_before_anything_begins() -> Non
     with mission_of_rover() as (mission, robot):
         with pytest.raises(BadParameter, match=r"Drive\(\) has no parameter 'y'") as caught:
             sm.run(mission)
-        assert caught.value.__notes__ == ["It is state 'home' of sequence 'typo'."]
+        assert caught.value.__notes__ == ["The task belongs to state 'home' of sequence 'typo'."]
         with pytest.raises(UnknownTask, match="server 'rover' offers no task 'Fly'"):
             other.run(mission)
         assert robot.done == []

@@ -123,7 +123,7 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
     for path in paths:
         chart.begin()
         for step in path:
-            chart.note_end(*step)
+            chart.record_end(*step)
         if chart.ending is not None:
             endings.add(chart.ending)
         elif (active := tuple(chart.active)) not in seen:

@@ -104,9 +104,9 @@ def test_an_unsound_machine_is_refused_when_built(approve: Callable[..., None]) 
 def test_refused_where_it_is_written() -> None:
     with Sequence("robot") as sm:
         goto = sm.GoTo().on(failed="GoTo")
-        with pytest.raises(MisuseError, match="is said twice"):
+        with pytest.raises(MisuseError, match="is given twice"):
             goto.on(failed="GoTo")
-        with pytest.raises(MisuseError, match="takes a state or its label, not 3"):
+        with pytest.raises(MisuseError, match="leads to a state or its label, not 3"):
             goto.on(completed=3)  # type: ignore[arg-type]
         with pytest.raises(MisuseError, match="parameters are given by name"):
             sm.GoTo(1.0)
@@ -114,14 +114,14 @@ def test_refused_where_it_is_written() -> None:
             sm.concurrence(until="some")  # type: ignore[arg-type]
         with sm.sequence() as inner:
             sm.GoTo()
-        with pytest.raises(MisuseError, match="is written in one with block"), inner:
+        with pytest.raises(MisuseError, match="can't be opened here"), inner:
             pass
         with pytest.raises(MisuseError, match="is not built"):
             assert sm.chart
     for late in (sm.GoTo, sm.epsilon, lambda: goto.on(timeout=goto), sm.__enter__):
         with pytest.raises(MisuseError):
             late()
-    with pytest.raises(MisuseError, match="its states are written inside its with block"):
+    with pytest.raises(MisuseError, match="write its states inside its with block"):
         Sequence("robot").GoTo()
     with pytest.raises(
         MisuseError, match="a machine: name must be a text that is not blank, not ''"

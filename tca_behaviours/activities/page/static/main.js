@@ -1,36 +1,36 @@
-// The page of an application: it shows what the server tells, and sends what is asked for.
+// The page of an application: it shows the values that the server sends, and sends the user's commands.
 
 import { element } from "../view/dom.js";
 import { buildControls } from "./controls.js";
 import { Processors } from "./processors.js";
 import { Regions } from "./regions.js";
-import { follow, maySteer, send } from "./server.js";
+import { follow, hasKey, send } from "./server.js";
 
 const part = (id) => document.getElementById(id);
-const known = {}; // the newest parts
+const known = {}; // the newest value of each part
 
 async function run(message, data = null) {
-  tell(`${message} …`, false);
+  showOutcome(`${message} …`, false);
   const { text, isBad } = await send(message, data);
-  tell(text, isBad);
-  if (isBad && known.allocation) processors.build(known.allocation); // inputs show again what is so
+  showOutcome(text, isBad);
+  if (isBad && known.allocation) processors.build(known.allocation); // reset the inputs to the present values
 }
 
-function tell(text, isBad) {
+function showOutcome(text, isBad) {
   part("said").textContent = text;
   part("said").classList.toggle("bad", isBad);
 }
 
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
-const inName = (message) => `${message} ${known.application.name}`;
+const messageName = (message) => `${message} ${known.application.name}`;
 const regions = new Regions(part("regions"));
 const processors = new Processors(part("processors"), {
-  moved: (activity, processor, position) => run(inName("move activity of"), { activity, processor, position }),
-  hasPeriod: (activity, period) => run(inName("set period in"), { activity, period }),
-  hasPriority: (processor, priority) => run(inName("set priority in"), { processor, priority }),
+  move: (activity, processor, position) => run(messageName("move activity of"), { activity, processor, position }),
+  setPeriod: (activity, period) => run(messageName("set period in"), { activity, period }),
+  setPriority: (processor, priority) => run(messageName("set priority in"), { processor, priority }),
 });
 
-const TAKERS = {
+const UPDATES = {
   application(application) {
     document.title = part("name").textContent = application.name;
     part("policy").replaceChildren(...[...application.policies, "by hand"].map((text) => element("option", { text: text.replaceAll("_", " "), value: text })));
@@ -46,7 +46,7 @@ const TAKERS = {
     processors.show(figures);
     const { load, is_schedulable: fits, utilisation } = figures;
     part("figures").textContent = `load ${percent(load)}${utilisation === null ? "" : `, utilisation at most ${percent(utilisation)}`}`;
-    part("figures").title = "load: measured in the last second; utilisation: by declared or longest execution times";
+    part("figures").title = "load: measured in the last second; utilisation: from declared, else from longest execution times";
     part("verdict").hidden = fits === null;
     part("verdict").textContent = figures.refuted ? "refuted by measurement" : fits ? "schedulable" : "not schedulable";
     part("verdict").title = figures.refuted;
@@ -59,32 +59,32 @@ const TAKERS = {
   lost: () => {},
 };
 
-function take(parts) {
+function update(parts) {
   Object.assign(known, parts);
-  for (const [name, taker] of Object.entries(TAKERS)) if (name in parts) taker(parts[name]);
+  for (const [name, updatePart] of Object.entries(UPDATES)) if (name in parts) updatePart(parts[name]);
   if ("application" in parts && known.states) regions.show(known.states);
-  status(known.lost ?? "");
+  showStatus(known.lost ?? "");
 }
 
-function status(problem) {
+function showStatus(problem) {
   const isRunning = known.allocation?.is_running ?? false, isKnown = known.application !== undefined;
-  const holder = known.figures?.held_by, warning = problem || (holder ? `${holder} has been ticked for more than a second: nothing else is ticked until it ends` : "");
+  const holder = known.figures?.held_by, warning = problem || (holder ? `the tick of ${holder} has run for more than a second: nothing else is ticked until it ends` : "");
   part("problem").hidden = !warning;
   part("problem").textContent = warning;
   document.body.classList.toggle("lost", problem !== "");
   part("status").textContent = problem ? "lost" : !isKnown ? "reading" : isRunning ? "running" : "stopped";
   part("status").className = `badge ${problem ? "bad" : isRunning ? "live" : ""}`;
-  const may = maySteer() && !problem && isKnown, can = { start: !isRunning, stop: isRunning, initialise: !isRunning };
+  const may = hasKey() && !problem && isKnown, can = { start: !isRunning, stop: isRunning, initialise: !isRunning };
   for (const button of document.querySelectorAll("[data-step]")) button.disabled = !(may && can[button.dataset.step]);
-  for (const one of document.querySelectorAll("#policy, #controls button, .activity input, .head input")) one.disabled = !may;
+  for (const control of document.querySelectorAll("#policy, #controls button, .activity input, .head input")) control.disabled = !may;
   part("policy").querySelector("[value='by hand']")?.toggleAttribute("disabled", true);
 }
 
-for (const button of document.querySelectorAll("[data-step]")) button.addEventListener("click", () => run(inName(button.dataset.step)));
-part("policy").addEventListener("change", () => run(inName("set policy of"), part("policy").value));
+for (const button of document.querySelectorAll("[data-step]")) button.addEventListener("click", () => run(messageName(button.dataset.step)));
+part("policy").addEventListener("change", () => run(messageName("set policy of"), part("policy").value));
 part("help").addEventListener("click", () => part("keys").showModal());
 document.addEventListener("keydown", ({ key, target }) => {
   if (key === "?" && target.tagName !== "INPUT") part("keys").showModal();
 });
 
-follow(take, status);
+follow(update, showStatus);

@@ -1,32 +1,32 @@
-// The processors and their activities, which are moved by drag or by keyboard.
+// The processors and their activities, which the user moves with the mouse or the keyboard.
 
 import { dot, element } from "../view/dom.js";
 import { duration } from "../view/words.js";
 
-const NEW = "new processor", NONE = "on no processor";
+const NEW = "new processor", NONE = "on no processor"; // the titles of the two baskets
 const TITLES = ["", "activity", "period (ms)", "longest", "response", "jitter", "ticks"];
 const WIDE = new Set(["response", "jitter"]);
 
 export class Processors {
-  // `moved(activity, processor, position)`, `hasPeriod(activity, seconds)`, `hasPriority(processor, priority)` send commands.
+  // `move(activity, processor, position)`, `setPeriod(activity, seconds)`, `setPriority(processor, priority)` send commands.
   constructor(place, commands) {
-    Object.assign(this, { place, commands, allocation: null, dragged: null, late: null });
+    Object.assign(this, { place, commands, allocation: null, dragged: null, postponed: null });
     place.addEventListener("keydown", (event) => this.#onKey(event));
   }
 
-  // New structure: built anew, and what had the focus has it again.
+  // Build all elements for a new allocation, and restore the focus.
   build(allocation) {
-    if (this.dragged) { // what is dragged stays where it is until it is dropped
-      this.late = allocation;
+    if (this.dragged) { // wait until the activity is dropped
+      this.postponed = allocation;
       return;
     }
     const focused = document.activeElement?.closest?.(".activity")?.dataset.activity;
     this.allocation = allocation;
-    this.figures = new Map(); // by kind and name: the elements that show them
+    this.figures = new Map(); // the elements that show figures, by kind and name
     const { processors, unallocated } = allocation;
     this.place.replaceChildren(
       element("div", { class: "top" }, element("div", { class: "baskets" },
-        this.#basket(NEW, "drop an activity here", []), this.#basket(NONE, "nothing ticks what is dropped here", unallocated)), this.#titles()),
+        this.#basket(NEW, "drop an activity here", []), this.#basket(NONE, "drop an activity here to stop its ticks", unallocated)), this.#titles()),
       ...processors.map((one) => this.#processor(one)));
     if (this.shown) this.show(this.shown);
     if (focused) this.row(focused)?.focus();
@@ -42,11 +42,11 @@ export class Processors {
 
   #processor({ name, priority, period, activities }) {
     const input = element("input", { type: "number", value: priority, step: 1, "aria-label": `priority of ${name}` });
-    input.addEventListener("change", () => this.commands.hasPriority(name, Number(input.value)));
-    const told = element("span", { class: "figures" }), verdict = element("span", { class: "verdict" });
-    this.figures.set(`processor ${name}`, { told, verdict });
+    input.addEventListener("change", () => this.commands.setPriority(name, Number(input.value)));
+    const figures = element("span", { class: "figures" }), verdict = element("span", { class: "verdict" });
+    this.figures.set(`processor ${name}`, { figures, verdict });
     const head = element("div", { class: "head" }, element("h2", { text: name }),
-      element("span", { class: "value", text: `every ${duration(period)}` }), element("label", { text: "priority " }, input), verdict, told);
+      element("span", { class: "value", text: `every ${duration(period)}` }), element("label", { text: "priority " }, input), verdict, figures);
     return this.#place(name, head, activities);
   }
 
@@ -62,10 +62,10 @@ export class Processors {
       element("ul", { class: "activities" }, ...activities.map((activity) => this.#activity(activity))));
     made.dataset.processor = name;
     made.addEventListener("dragover", (event) => this.#over(event, made));
-    made.addEventListener("dragleave", ({ relatedTarget }) => made.contains(relatedTarget) || unmarked(made));
+    made.addEventListener("dragleave", ({ relatedTarget }) => made.contains(relatedTarget) || clearMarks(made));
     made.addEventListener("drop", (event) => {
       event.preventDefault();
-      unmarked(made);
+      clearMarks(made);
       const before = this.#rowUnder(event)?.dataset.activity;
       if (this.dragged) this.#move(this.dragged, name, before === undefined ? null : this.#names(name).filter((one) => one !== this.dragged).indexOf(before));
     });
@@ -75,12 +75,12 @@ export class Processors {
   #over(event, place) {
     if (!this.dragged) return;
     event.preventDefault();
-    unmarked(place);
+    clearMarks(place);
     place.classList.add("over");
     this.#rowUnder(event)?.classList.add("before");
   }
 
-  // The activity before which one is dropped.
+  // The activity before which the dragged one would be dropped.
   #rowUnder({ target }) {
     const row = target.closest(".activity[data-activity]");
     return row && row.dataset.activity !== this.dragged ? row : null;
@@ -88,9 +88,9 @@ export class Processors {
 
   #activity({ name, component, period, estimate }) {
     const input = element("input", { type: "number", value: Number((period * 1000).toPrecision(6)), min: 0, step: "any", "aria-label": `period of ${name}, in milliseconds` });
-    input.addEventListener("change", () => this.commands.hasPeriod(name, Number(input.value) / 1000));
+    input.addEventListener("change", () => this.commands.setPeriod(name, Number(input.value) / 1000));
     const cells = Object.fromEntries(["longest", "response", "jitter", "ticks"].map((kind) => [kind, element("span", { class: `number ${kind}${WIDE.has(kind) ? " wide" : ""}` })]));
-    const title = estimate === null ? name : `${name}: declared to take at most ${duration(estimate)}`;
+    const title = estimate === null ? name : `${name}: takes at most ${duration(estimate)}, as declared`;
     const made = element("li", { class: "activity", draggable: true, tabIndex: 0, title }, dot(hue(component)),
       element("span", { class: "name", text: name }), input, ...Object.values(cells));
     made.dataset.activity = name;
@@ -102,26 +102,26 @@ export class Processors {
     made.addEventListener("dragend", () => {
       this.dragged = null;
       made.classList.remove("dragged");
-      if (this.late) this.build(this.late);
-      this.late = null;
+      if (this.postponed) this.build(this.postponed);
+      this.postponed = null;
     });
     this.figures.set(`activity ${name}`, { ...cells, estimate });
     return made;
   }
 
-  // --- by keyboard ------------------------------------------------------------------------------------------------
+  // --- keyboard ---------------------------------------------------------------------------------------------------
 
   #onKey(event) {
     const row = event.target.classList.contains("activity") ? event.target : null, { key, altKey } = event;
     if (!row) return;
     const rows = [...this.place.querySelectorAll(".activity[data-activity]")], name = row.dataset.activity;
     const place = row.closest(".processor").dataset.processor;
-    const rowsOn = { ArrowUp: -1, ArrowDown: 1 }[key], processorsOn = { ArrowLeft: -1, ArrowRight: 1 }[key];
+    const rowStep = { ArrowUp: -1, ArrowDown: 1 }[key], processorStep = { ArrowLeft: -1, ArrowRight: 1 }[key];
     if (key === "n") this.#move(name, NEW, null);
     else if (key === "Delete") this.#move(name, NONE, null);
-    else if (rowsOn && altKey) this.#move(name, place, this.#names(place).indexOf(name) + rowsOn);
-    else if (rowsOn) rows[rows.indexOf(row) + rowsOn]?.focus();
-    else if (processorsOn && !altKey) this.#move(name, this.#neighbour(place, processorsOn), null);
+    else if (rowStep && altKey) this.#move(name, place, this.#names(place).indexOf(name) + rowStep);
+    else if (rowStep) rows[rows.indexOf(row) + rowStep]?.focus();
+    else if (processorStep && !altKey) this.#move(name, this.#neighbour(place, processorStep), null);
     else return;
     event.preventDefault();
   }
@@ -140,7 +140,7 @@ export class Processors {
     if (position !== null && position < 0) return;
     if (position === null && this.#names(place).includes(activity)) return;
     const processor = place === NONE ? "" : place === NEW ? this.#newName() : place;
-    this.commands.moved(activity, processor, position);
+    this.commands.move(activity, processor, position);
   }
 
   #newName() {
@@ -156,7 +156,7 @@ export class Processors {
     this.shown = figures;
     for (const one of figures.processors) {
       const places = this.figures?.get(`processor ${one.name}`);
-      if (places) tell(places, one);
+      if (places) showFigures(places, one);
     }
     for (const one of figures.activities) {
       const cells = this.figures?.get(`activity ${one.name}`);
@@ -164,29 +164,29 @@ export class Processors {
       for (const kind of ["longest", "response", "jitter"]) cells[kind].textContent = duration(one[kind]);
       const isLonger = cells.estimate !== null && one.longest > cells.estimate;
       cells.longest.classList.toggle("bad", isLonger);
-      cells.longest.title = isLonger ? `longer than was declared (${duration(cells.estimate)})` : "";
+      cells.longest.title = isLonger ? `longer than declared (${duration(cells.estimate)})` : "";
       cells.ticks.textContent = one.ticks.toLocaleString("en");
       cells.ticks.classList.toggle("bad", one.errors > 0 || one.overruns > 0 || one.left_out > 0);
-      cells.ticks.title = one.errors ? `${one.errors} raised, the last one: ${one.error}` : one.overruns || one.left_out ? `${one.overruns} ended after the next was due, ${one.left_out} more were left out` : "";
+      cells.ticks.title = one.errors ? `${one.errors} ticks raised an error, the last: ${one.error}` : one.overruns || one.left_out ? `${one.overruns} ticks ended after the next was due, ${one.left_out} more were left out` : "";
     }
   }
 }
 
-function tell({ told, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits, refuted, last_late: ago }) {
+function showFigures({ figures, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits, refuted, last_late: ago }) {
   const parts = [["load", `${(100 * load).toFixed(1)} %`], ["response", duration(response)], ["jitter", duration(jitter)],
     ["overruns", overruns.toLocaleString("en")], ...bound === null ? [] : [["bound", duration(bound)], ["margin", duration(margin)]]];
-  told.replaceChildren(...parts.flatMap(([what, value]) => [element("span", { class: "what", text: ` ${what} ` }), element("span", { class: `value${what === "overruns" && overruns ? " bad" : ""}`, text: value })]));
-  verdict.textContent = (refuted || (fits === null ? "not known yet" : fits ? "schedulable" : "not schedulable")) + (ago === null || refuted ? "" : `, last late ${duration(ago)} ago`);
+  figures.replaceChildren(...parts.flatMap(([label, value]) => [element("span", { class: "what", text: ` ${label} ` }), element("span", { class: `value${label === "overruns" && overruns ? " bad" : ""}`, text: value })]));
+  verdict.textContent = (refuted || (fits === null ? "schedulability unknown" : fits ? "schedulable" : "not schedulable")) + (ago === null || refuted ? "" : `, last late ${duration(ago)} ago`);
   verdict.title = verdict.textContent;
   verdict.className = `verdict ${fits === null ? "faint" : fits ? "good" : "bad"}`;
 }
 
-function unmarked(place) {
+function clearMarks(place) {
   place.classList.remove("over");
   for (const row of place.querySelectorAll(".before")) row.classList.remove("before");
 }
 
-// Each component has a colour.
+// Each component has its own colour.
 const hues = new Map();
 function hue(component) {
   if (!hues.has(component)) hues.set(component, `hsl(${(hues.size * 137 + 210) % 360} 55% 58%)`);

@@ -1,11 +1,11 @@
-// The regions of all components, with the states that are active.
+// The regions of all components, with their active states.
 
 import { element } from "../view/dom.js";
 
 export class Regions {
   constructor(place) {
     this.place = place;
-    this.states = new Map(); // of each region: its name, and the elements of its states
+    this.states = new Map(); // the elements of the states, by region
   }
 
   build({ components }) {

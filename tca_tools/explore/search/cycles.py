@@ -1,37 +1,34 @@
-"""Runs that go on for ever: what never happens in them, and who waits in them for ever.
+"""Runs that never end: find an event that never happens in them, or a wait that never ends.
 
-There are finitely many states, so a run that goes on for ever goes round in a circle among some of
-them. A circle counts if it is *fair*: nothing that can happen all the time, and must happen some
-time, is left out of it for ever. A set of states that all lead to each other has a fair circle
-unless something can happen in each of its states and does so on no way inside it; then no part of
-it has one either.
+The number of states is finite, so a run that never ends repeats a cycle of states. A cycle counts
+only if it is *fair*: it leaves out no action that is possible in all its states and must happen
+some time. A strongly connected set of states has no fair cycle if such an action exists and is
+taken on no way inside the set. No part of such a set has a fair cycle either.
 
-A property is *owed* in some states: the circles are among those. What *waits* is followed from
-state to state (Way.carried): the circles are those round which the same task, or script, waits for
-the same thing.
+For a property that must come true, the search covers the states in which the property is *owed*.
+For ``never_stuck()`` it follows each waiter from state to state (``Way.new_places``). In the cycles
+that it finds, the same task or script waits for the same thing.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from tca_tools.explore.play.play import Action, waiting
-from tca_tools.explore.play.words import left_behind
+from tca_tools.explore.play.play import Action, waiters
+from tca_tools.explore.play.words import waiter_in_words
 from tca_tools.explore.scenario.scenario import Scenario
 from tca_tools.explore.search.states import SearchState, Violation, Way, replayed
 from tca_tools.properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
-"""Something that happens some time if it can all the time: a script goes on, a module joins, time
-passes.
-"""
+"""An action that must happen some time if it stays possible: a step of a script, of time, ..."""
 
 
 class _Node(NamedTuple):
-    """A state, and where one follows what waits in it, which."""
+    """A state, and the place of the waiter that is followed, if one is."""
 
     state: int
-    waits: int = 0
+    waiter: int = 0
 
 
 class _Edge(NamedTuple):
@@ -45,32 +42,39 @@ Graph = dict[_Node, list[_Edge]]
 def judge(
     scenario: Scenario, properties: Iterable[Property], states: list[SearchState]
 ) -> Violation | None:
-    """The first property that is not true of runs that never end, shown by one of them. *states*
-    are all there are, nearest first.
+    """Return the first property that is violated by a run that never ends, with such a run.
+
+    *states* are all states of the scenario, nearest first.
     """
     places = {id(state): place for place, state in enumerate(states)}
-    for number, one in enumerate(properties):
-        is_stuck = isinstance(one, NeverStuck)
-        circle = _fair_circle(
-            _waits(states, places) if is_stuck else _owed(states, places, number, one), states
+    for number, prop in enumerate(properties):
+        is_stuck = isinstance(prop, NeverStuck)
+        cycle = _fair_cycle(
+            _waiting_graph(states, places)
+            if is_stuck
+            else _owed_graph(states, places, number, prop),
+            states,
         )
-        if circle is None:
+        if cycle is None:
             continue
-        start, ways = circle
-        why = "this can go on for ever, and it never happens"
+        start, ways = cycle
+        why = "this cycle can repeat forever, and it never happens"
         if is_stuck:
             play = replayed(scenario, states[start.state])
-            why = f"this can go on for ever, and all the while:\n{left_behind(play, waiting(play)[start.waits])}"
+            waiter = waiter_in_words(play, waiters(play)[start.waiter])
+            why = f"this cycle can repeat forever, with this waiting throughout:\n{waiter}"
         return Violation(
-            str(one), why, states[start.state].actions(), tuple(way.action for way in ways)
+            str(prop), why, states[start.state].actions(), tuple(way.action for way in ways)
         )
     return None
 
 
-def _owed(states: list[SearchState], places: dict[int, int], number: int, one: Property) -> Graph:
-    """The states in which a property is owed, and the ways between them."""
+def _owed_graph(
+    states: list[SearchState], places: dict[int, int], number: int, prop: Property
+) -> Graph:
+    """Return the states in which a property is owed, and the ways between them."""
     nodes = {
-        _Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])
+        _Node(place) for place, state in enumerate(states) if prop.is_owed(state.memories[number])
     }
     return {
         node: [
@@ -82,28 +86,28 @@ def _owed(states: list[SearchState], places: dict[int, int], number: int, one: P
     }
 
 
-def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
-    """The waiters in each state, and the ways after which they still wait."""
+def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
+    """Return the waiters in each state, and the ways after which they still wait."""
     return {
-        _Node(place, one): [
-            _Edge(way, _Node(places[id(way.to)], way.carried[one]))
+        _Node(place, waiter): [
+            _Edge(way, _Node(places[id(way.to)], way.new_places[waiter]))
             for way in state.ways
-            if way.carried[one] >= 0
+            if way.new_places[waiter] >= 0
         ]
         for place, state in enumerate(states)
         if state.ways
-        for one in range(len(state.ways[0].carried))
+        for waiter in range(len(state.ways[0].new_places))
     }
 
 
-def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
-    """The nearest fair circle: where it begins, and the ways round."""
+def _fair_cycle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
+    """Return the nearest fair cycle: its first node and its ways."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [step for step in graph[node] if step.to in part] for node in part}
-        taken = {_fair(step.way.action) for steps in inside.values() for step in steps}
+        happening = {_fair(step.way.action) for steps in inside.values() for step in steps}
         always = set.intersection(*(_possible(states[node.state]) for node in part))
-        if taken and not always - taken:
-            return min(part), _round(inside, min(part), states)
+        if happening and not always - happening:
+            return min(part), _way_round(inside, min(part), states)
     return None
 
 
@@ -112,14 +116,12 @@ def _fair(action: Action) -> Fair:
 
 
 def _possible(state: SearchState) -> set[Fair]:
-    """The actions that can happen in a state, and must happen some time."""
+    """Return the actions that are possible in a state and must happen some time."""
     return {_fair(way.action) for way in state.ways if not way.action.is_optional}
 
 
 def _strongly_connected(graph: Graph) -> list[set[_Node]]:
-    """The largest sets of nodes that all lead to each other (Tarjan's algorithm, without
-    recursion).
-    """
+    """Return the strongly connected components (Tarjan's algorithm, without recursion)."""
     found: list[set[_Node]] = []
     number: dict[_Node, int] = {}
     low: dict[_Node, int] = {}
@@ -151,8 +153,8 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
-    """A fair way from *start* round to it again: a short one, if not always the shortest."""
+def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
+    """Return a fair cycle of ways from *start*: a short one, though not always the shortest."""
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
@@ -171,19 +173,19 @@ def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     return ways
 
 
-def _path(inside: Graph, start: _Node, is_there: Callable[[_Edge], bool]) -> list[_Edge]:
-    """The shortest way whose last step is one of those wanted."""
-    came: dict[_Node, tuple[_Node, _Edge]] = {}
+def _path(inside: Graph, start: _Node, is_wanted: Callable[[_Edge], bool]) -> list[_Edge]:
+    """Return the shortest path from *start* to an edge for which *is_wanted* is true."""
+    reached_by: dict[_Node, tuple[_Node, _Edge]] = {}
     nodes = deque([start])
     while True:
         node = nodes.popleft()
         for step in inside[node]:
-            if is_there(step):
+            if is_wanted(step):
                 path = [step]
                 while node != start:
-                    node, before = came[node]
+                    node, before = reached_by[node]
                     path.append(before)
                 return path[::-1]
-            if step.to not in came:
-                came[step.to] = node, step
+            if step.to not in reached_by:
+                reached_by[step.to] = node, step
                 nodes.append(step.to)

@@ -1,0 +1,116 @@
+"""The numbered requests of a session: making, sending, and finishing them."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from tca_module.session.joined_replies import Item
+from tca_module.session.open_deliveries import OpenDeliveries
+from tca_module.session.request import Request, check_fields
+from tca_module.session.sent_tasks import TaskSends
+from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState
+from tca_wire.vocabulary import Refusal
+
+_SPENT = headers.Send(0, "")
+
+
+class OpenRequests:
+    """The part of a Session that makes numbered requests and finishes them."""
+
+    def __init__(self, newest: int) -> None:
+        """*newest*: the highest request number so far."""
+        self._newest = newest
+        self.requests: dict[int, Request] = {}  #: number -> open request, oldest first
+        self.sends = TaskSends()  #: tasks that were sent without waiting
+        self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
+        self.outgoing: list[Item] = []
+        #: functions that the connection's thread must call soon
+        self.pending_calls: deque[Callable[[], None]] = deque()
+        #: lines for the log, such as central's errors that answer no request
+        self.complaints: list[str] = []
+        self._posted = 0  #: number of statements sent on this connection
+        self.is_welcome = False  #: central has welcomed this connection
+        self.refused: headers.Refused | None = None  #: central's refusal of this connection, if any
+        self.epoch = ""
+
+    def ask(self, header: Any, body: bytes, *, wants_answer: bool = True) -> Request:
+        """Make a request whose fields have been checked."""
+        request = Request(header, body, wants_answer=wants_answer)
+        self.adopt(request)
+        return request
+
+    def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
+        """Send a task, or a change of a task's state, without waiting for central.
+
+        *what* names it. If central refuses it, the error is kept in ``sends``.
+        """
+        check_fields(header)
+        if isinstance(header, headers.Send):
+            header = msgspec.structs.replace(header, quiet=True)
+        request = Request(header, body, wants_answer=False)
+        request.what, request.sender_name = what, self.open_deliveries.name_of(header.origin)
+        self.sends.unacknowledged += 1
+        self.adopt(request)
+        return request
+
+    def _send(self, request: Request) -> None:
+        request.was_sent, request.epoch = True, self.epoch
+        request.mark, request.seen = self._posted, 0
+        self.outgoing.append((request.header, request.body))
+
+    def adopt(self, request: Request) -> None:
+        """Send a request to central. It may have been sent directly before, but not begun."""
+        request.path = None
+        self._number(request)
+        if self.is_welcome:
+            self._send(request)
+        elif self.refused is not None:
+            self._refuse(request)
+
+    def _number(self, request: Request) -> None:
+        self._newest += 1
+        request.header = msgspec.structs.replace(request.header, number=self._newest)
+        self.requests[self._newest] = request
+
+    def _refuse(self, request: Request) -> None:
+        """End a request that central will not answer, unless it redeclares something."""
+        if request.on_over is None:
+            request.refused = self.refused
+            self.finish(request)
+
+    def finish(self, request: Request, lost: str = "") -> None:
+        """Finish a request that is over or *lost*, and notify its waiters."""
+        self.requests.pop(request.header.number, None)  # a direct request has no number here
+        request.is_over = True
+        if lost:
+            request.lost = lost
+        if request.what:
+            self._finish_send(request)
+        if request.on_over is not None:
+            request.on_over(request)
+        self._notify_waiters(request)
+
+    def _finish_send(self, request: Request) -> None:
+        """Finish a send that central has accepted or refused, or never will."""
+        self.sends.unacknowledged -= 1
+        origin = request.header.origin
+        if request.lost:
+            self.sends.lost.append(request)
+        elif request.refused is None:
+            # Free the memory: the program may hold the id, and so this request, for ever.
+            request.header, request.body, request.after = _SPENT, b"", []
+        elif request.refused.refusal is Refusal.TOO_LATE and isinstance(
+            request.header, ChangeState
+        ):
+            self.complaints.append(request.why_failed)  # the sender could not know that it was late
+        elif not origin or origin in self.open_deliveries:
+            self.sends.add(request)
+        else:  # its handler has returned, and central has failed it
+            self.complaints.append(request.error_for_log)
+
+    def _notify_waiters(self, request: Request) -> None:
+        """Notify the waiters of a request that there is news of it."""
+        self.pending_calls += [call for call in (request.notify, request.wake) if call is not None]
