@@ -1,6 +1,4 @@
-"""Command-line options that the robots share. The programs of a robot import this file: it stays
-light.
-"""
+"""Command-line options that robots share. Robots' programs import this file: it stays light."""
 
 import argparse
 from collections.abc import Callable

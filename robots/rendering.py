@@ -1,6 +1,4 @@
-"""Raw renderings of a physics engine, and the steps that turn them into pictures: shadows, lines,
-PNG files.
-"""
+"""Raw renderings of a physics engine, and parts of pictures: shadows, lines, PNG files."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,9 +22,7 @@ SHADOW = 0.58
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera: its place, its target, its vertical angle of view in degrees, and the distances it
-    shows.
-    """
+    """A camera: place, target, vertical angle of view in degrees, and the distances it shows."""
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]

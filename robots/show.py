@@ -35,7 +35,7 @@ def run_show(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace
 
 
 def draw_history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
-    """Draw the task tree and the Gantt chart of the run. Passes the error of a failed drawing to
+    """Draw the task tree and the Gantt chart of the run. The error of a failed drawing goes to
     *warn*.
     """
     tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}

@@ -1,6 +1,4 @@
-"""Walk the Ambler: run central, its modules and the simulator, each as a process; then draw the
-run.
-"""
+"""Walk the Ambler: run central, its modules and the simulator as processes; then draw the run."""
 
 import argparse
 import fcntl
@@ -55,9 +53,7 @@ def _how(options: argparse.Namespace) -> str:
 
 
 def _fresh(folder: Path) -> Path:
-    """Return the folder, emptied. Only an earlier walk's folder is emptied; it stays locked until
-    this process ends.
-    """
+    """Empty a folder of an earlier walk, and lock it until this process ends. Returns its path."""
     marker = folder / MARKER
     if folder.exists() and any(folder.iterdir()) and not marker.exists():
         raise SystemExit(

@@ -119,9 +119,7 @@ def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
 
 
 def rigid_motion(before: Array, after: Array) -> tuple[float, Array]:
-    """The turn, and the shift after it, that fit the points *before* (n, 2) onto *after* by least
-    squares.
-    """
+    """The turn, then the shift, that fit points *before* (n, 2) onto *after* (least squares)."""
     middle, there = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - there
     turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))

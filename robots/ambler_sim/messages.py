@@ -25,9 +25,7 @@ from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A piece of path from the robot's place at that time: *length* metres, to the left where
-    *curvature* is positive.
-    """
+    """A piece of path from the robot's place: *length* metres, to the left if *curvature* > 0."""
 
     curvature: float
     length: float
@@ -51,8 +49,8 @@ class WayWalked:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """The rest of an arc, the stance in which it will begin (foreseen, not measured), and the
-    number of its first footstep.
+    """The rest of an arc, its foreseen (not measured) first stance, and its first footstep's
+    number.
     """
 
     arc: Arc
@@ -78,9 +76,7 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A request to switch on a leg's amplifier or free its joint; *operator* says that an operator
-    does it.
-    """
+    """A request to switch on a leg's amplifier or free its joint, or have an *operator* do it."""
 
     leg: int
     operator: bool = False

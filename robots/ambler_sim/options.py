@@ -19,9 +19,7 @@ LAYERS = tuple(
         file.stem.replace("_", " ") for file in Path(__file__).with_name("layers").glob("[!_]*.py")
     )
 )
-"""Programs that check moves before and after, and recover from failures. The other programs do not
-know them.
-"""
+"""Programs that check moves and recover from failures. The other programs do not know them."""
 
 
 class Mode(StrEnum):

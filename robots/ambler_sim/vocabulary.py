@@ -59,7 +59,7 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A path for the body: *length* metres from *start*, to the left where *curvature* (1/m) is
+    """A path for the body: *length* metres from *start*, to the left if *curvature* (1/m) is
     positive.
     """
 
@@ -110,9 +110,7 @@ class BodyMove:
 
 @dataclass(frozen=True, slots=True)
 class Footfall:
-    """The result of a leg move. *load* is the vertical force on the foot; *reached* is false if the
-    move was stopped.
-    """
+    """The result of a leg move. *load* is vertical; *reached* is false if the move was stopped."""
 
     foot: Foot
     load: float
@@ -165,8 +163,8 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone that the scanner does not see. *height* is that of its top over the
-    ground around it.
+    """An upright stone that the scanner does not see; its top is *height* above the ground around
+    it.
     """
 
     x: float
@@ -226,8 +224,8 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault: its kind (one of KINDS), its leg, its size (in a unit of its kind), and whether only
-    an operator can reset it.
+    """A fault: one of KINDS, its leg, its size (by kind), and whether only an operator can reset
+    it.
     """
 
     kind: str
@@ -258,9 +256,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A range image. Its *number* is greater than those of all earlier images, even after a program
-    was restarted.
-    """
+    """A range image. Its *number* is greater than all earlier ones, even after a restart."""
 
     number: int
     scan: Scan

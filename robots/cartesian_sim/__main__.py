@@ -92,9 +92,7 @@ class CleaningShow:
 
 
 def describe_ticks(application: Application) -> str:
-    """Describe the number of ticks due, made and left out. Each activity has a tick per period; one
-    that is too late is left out.
-    """
+    """Describe how many ticks were due, made and left out. Each activity has one per period."""
     figures, processors = application.figures(), application.allocation().processors
     periods = [activity.period for processor in processors for activity in processor.activities]
     # The first tick of each activity is due at once.

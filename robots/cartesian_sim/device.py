@@ -11,9 +11,7 @@ LONGEST = 0.1
 
 
 class Device(DeviceBase):
-    """The activities of the device. Its time is that of a clock, independent of the simulation's
-    period.
-    """
+    """The activities of the device. Its time is a clock's, whatever the simulation's period."""
 
     clock: Callable[[], float] = staticmethod(time.monotonic)
 

@@ -1,5 +1,5 @@
-"""A joint: it is enabled, finds its reference at the lower limit switch, and moves to positions or
-at speeds.
+"""A joint: it is enabled, finds its reference at the lower switch, and moves to positions or at
+speeds.
 """
 
 import math
@@ -8,8 +8,7 @@ from robots.cartesian_sim.generated import JointBase, JointTarget, MotorOrder
 from robots.cartesian_sim.mechanism import Sensed
 
 SEEKING = 0.15
-"""The speed (m/s) towards the switch, and of any movement without a reference. The brake can stop
-it before the end.
+"""The speed (m/s) of a movement without a reference: slow enough for the brake to stop it in time.
 """
 
 LEAVING = 0.01

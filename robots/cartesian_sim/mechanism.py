@@ -14,7 +14,7 @@ OVERTRAVEL = 0.02
 """Metres between a limit switch and the hard stop behind it, at each end."""
 
 TOUCHES = 0.9
-"""The part of the tool's way out from which on it touches the wall."""
+"""The share of the tool's way out at which it touches the wall."""
 
 APART = 0.004
 """The least distance (m) between two points of a stroke."""
@@ -54,9 +54,7 @@ class Axis:
         return self.is_on and self.powered_for >= POWER_UP - 1e-9
 
     def advance(self, seconds: float) -> None:
-        """Let time pass. The speed follows the wanted one as fast as the motor can; the brake stops
-        at once.
-        """
+        """Let time pass. The speed follows the wanted one within limits; brakes act at once."""
         self.powered_for = self.powered_for + seconds if self.is_on else 0.0
         if not self.is_powered:
             self.speed = 0.0

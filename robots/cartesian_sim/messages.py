@@ -1,5 +1,5 @@
-"""The requests of the robot's user. Commands end when they are done; informs do not wait for
-earlier commands.
+"""The requests of the robot's user. Commands end when done; informs do not wait for earlier
+commands.
 """
 
 import msgspec

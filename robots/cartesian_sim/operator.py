@@ -164,9 +164,7 @@ class Operator:
         )
 
     def _wait_for_start(self, task: Task, has_started: Callable[[], bool]) -> None:
-        """Wait for a beginning. Missing it is no failure: the action may have ended before it was
-        seen.
-        """
+        """Wait a little for a start. Missing it is no failure: the action may be over."""
         deadline = task.time() + START_LIMIT
         while not has_started() and task.time() < deadline:
             task.sleep(CHECK_PERIOD / 5)

@@ -1,6 +1,4 @@
-"""The whole robot in one module: components, the application that ticks them, its manager and the
-operator.
-"""
+"""The whole robot in one module: components, their application, its manager and the operator."""
 
 from robots.cartesian_sim.application import Components
 from robots.cartesian_sim.drawing import draw

@@ -84,9 +84,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
-    """Run the shift, with each program as a process. Returns the lab at the end, and the ended
-    goal.
-    """
+    """Run the shift, each program as a process. Returns the lab at the end, and the ended goal."""
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
     pace = forwarded_arguments(options, "pace")
     with central_in(options.out) as (address, programs):

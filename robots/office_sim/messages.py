@@ -54,9 +54,7 @@ CLOSE_FINGERS = Query("close fingers", Spot, reply=Grasped)
 OPEN_FINGERS = Query("open fingers", reply=bool)
 """Opens the fingers. The reply is whether they held something."""
 DOCK: Query[None, float | None] = Query("dock", reply=float | None)
-"""Starts charging. The reply is the seconds until the battery is full, or None: the charger is too
-far away.
-"""
+"""Starts charging. The reply is the seconds until full; None if the charger is too far away."""
 SCENE = Query("scene", reply=LabScene)
 
 OPEN_LAB = Inform("open lab")

@@ -17,9 +17,7 @@ class NoPath(Exception):
 
 
 def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
-    """The points to drive to, one after the other; empty if the robot is near enough. Raises
-    NoPath.
-    """
+    """The points to drive to, in order; empty if the robot is near enough. Raises NoPath."""
     blocks = [block.grown(RADIUS) for block in (*floor.walls, *floor.tables)]
     corners = [
         Spot(x, y)

@@ -177,9 +177,7 @@ class OfficeWorld:
         return bool(held)
 
     def dock(self) -> float | None:
-        """Charge until the battery is full or the robot drives away. Returns the duration; None if
-        the charger is too far away.
-        """
+        """Charge until full or driven away. Returns the duration; None too far from the charger."""
         if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
         self._is_docked = True

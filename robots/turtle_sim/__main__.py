@@ -1,6 +1,4 @@
-"""Show a mission: start central, the turtle and its task server, run the mission, and draw the
-result.
-"""
+"""Show a mission: start central, the turtle and its task server, run it, and draw the result."""
 
 import argparse
 import sys
@@ -76,9 +74,7 @@ RATE = 10.0
 
 
 class ShowIsOver:
-    """A condition of all missions of a show: one of them has failed, or the user has pressed
-    Ctrl-C.
-    """
+    """A condition of all missions of a show: one has failed, or the user has pressed Ctrl-C."""
 
     why = ""
 
@@ -153,9 +149,7 @@ class Show:
                     raise
 
     def _servers(self) -> dict[str, list[str]]:
-        """The task server of each turtle: the Python module and its arguments. A single turtle
-        needs no link.
-        """
+        """The Python module and arguments of each turtle's task server. One turtle has no link."""
         names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
         if len(names) == 1:
             return {name: ["robots.turtle_sim.task_server", name, *rate] for name in names}

@@ -1,6 +1,4 @@
-"""The messages of a turtle's simulator. Each turtle has a separate central, so the messages do not
-name the turtle.
-"""
+"""The messages of a turtle's simulator. Each turtle has its own central, so no message names it."""
 
 from dataclasses import dataclass, field
 

@@ -25,9 +25,7 @@ class Simulator:
     """One world, and a module for each of its turtles."""
 
     def __init__(self, world: TurtleWorld, pace: float = 1.0) -> None:
-        """Simulate the *world*. With a *pace* of 2 its time passes twice as fast as that of the
-        modules.
-        """
+        """Simulate *world*, with time that passes *pace* times as fast as that of the modules."""
         self._world = world
         self._pace = pace
         self._lock = threading.Lock()  # the modules have threads of their own

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from robots.turtle_sim.errors import NoSuchTurtle, TurtleExists
 
 SIZE = 11.0
-"""The length of each side. The origin is the lower left corner; angles count from the x axis to the
-left.
+"""The length of each side. The origin is at the lower left; angles count from the x axis leftwards.
 """
 
 STEP = 1 / 64
@@ -99,9 +98,7 @@ class TurtleWorld:
         )
 
     def command(self, name: str, linear: float, angular: float) -> None:
-        """Move with *linear* units and turn with *angular* radians a second, for at most
-        ``COMMAND_LIFE`` seconds.
-        """
+        """Move (units a second) and turn (radians a second), for at most ``COMMAND_LIFE``."""
         turtle = self.turtle(name)
         turtle.pose = replace(
             turtle.pose, linear_velocity=_possible(linear), angular_velocity=_possible(angular)

@@ -1,3 +1,1 @@
-"""A mobile manipulator like KUKA's youBot that carries objects to boxes: the case study of preview
-coordination.
-"""
+"""A mobile manipulator like KUKA's youBot that carries objects, to study preview coordination."""

@@ -1,6 +1,4 @@
-"""The case study of preview coordination: an object is carried to a box, with and without a
-preview.
-"""
+"""The case study of preview coordination: an object is carried with and without a preview."""
 
 import argparse
 import sys

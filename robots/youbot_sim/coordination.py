@@ -11,9 +11,7 @@ THRESHOLD = 0.5
 
 
 def likelihood(candidate: Candidate) -> float:
-    """The value of an arm move: the probability that it is needed. Its time is saved whenever it
-    begins.
-    """
+    """The value of an arm move is the probability that it is needed, whenever it begins."""
     return candidate.probability
 
 

@@ -1,6 +1,4 @@
-"""A drawing of the robot from above, with places and boxes, and of its arm from the side, as SVG
-text.
-"""
+"""A drawing of the robot and its places from above, and of the arm from the side, as SVG text."""
 
 from collections.abc import Iterable
 

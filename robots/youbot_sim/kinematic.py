@@ -1,4 +1,4 @@
-"""The quick backend: no dynamics. Joints are where the drives want them; a released object falls at
+"""The quick backend, without dynamics: joints follow the drives exactly, released objects fall at
 once.
 """
 

@@ -1,6 +1,4 @@
-"""Motions within limits: each is as fast as its slowest joint allows, and all joints arrive
-together.
-"""
+"""Motions within limits: each is as fast as its slowest joint, and all joints arrive together."""
 
 import math
 from collections.abc import Iterable

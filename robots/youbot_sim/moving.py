@@ -1,6 +1,4 @@
-"""A module that moves one group of joints. The modules of base, arm and gripper differ in nothing
-else.
-"""
+"""A module that moves one group of joints: the same for base, arm and gripper."""
 
 import sys
 from dataclasses import replace
@@ -68,9 +66,7 @@ def _goal(group: Group, wanted: Move) -> Joints:
 
 
 def _arrives(task: Task, to: str, drive: Drive) -> bool:
-    """Drive to the goal, report progress, and handle clients' requests. Returns False if a client
-    cancels the move.
-    """
+    """Drive to the goal, report progress, handle requests. Returns False if a client cancels."""
     motion, began, done = task.query(DRIVE, drive), task.time(), 0.0
     task.report(0.0)
     while (left := began + motion.seconds - task.time()) > INSTANT:

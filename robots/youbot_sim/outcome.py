@@ -1,6 +1,4 @@
-"""The outcome of a delivery, read from the journal: when each agent worked, and which work was done
-ahead or in vain.
-"""
+"""The outcome of a delivery from its journal: each agent's work, and which was ahead or in vain."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,8 +13,8 @@ from tca_wire.life_cycles import Effect
 
 @dataclass(frozen=True, slots=True)
 class DoneTask:
-    """A task of an agent: its start and end in seconds since the object was given, and its roles in
-    the machine.
+    """An agent's task: start and end in seconds since the object was given, and roles in the
+    machine.
     """
 
     agent: str

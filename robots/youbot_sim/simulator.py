@@ -1,6 +1,4 @@
-"""The simulated robot and its boxes, as a module and as a program: drives to command, sensors to
-read.
-"""
+"""The simulated robot and its boxes, as a module and as a program."""
 
 import argparse
 from dataclasses import dataclass

@@ -1,6 +1,4 @@
-"""The whole robot in one process, on a stepped clock: the same delivery always gives the same
-result.
-"""
+"""The whole robot in one process on a stepped clock: a delivery always gives the same result."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,9 +22,7 @@ STRIDE = 1.0
 def running(
     robot: SimulatedRobot, *modules: Module, has_steps: bool = False
 ) -> Iterator[LocalCentral]:
-    """Run these modules, and those that move the robot and look into box B. The caller steps their
-    clock.
-    """
+    """Run these modules, the robot's movers and perception. The caller steps their clock."""
     movers = [moving.make_module(group) for group in GROUPS]
     simulated = simulator.make_module(robot, has_steps=has_steps)
     with ExitStack() as stack:

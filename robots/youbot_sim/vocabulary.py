@@ -1,6 +1,4 @@
-"""The data types of a mobile manipulator: plain frozen data that can be sent as messages. Metres,
-radians, seconds.
-"""
+"""The data types of a mobile manipulator, to send as messages. Metres, radians, seconds."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -11,9 +9,7 @@ from typing import Literal
 import msgspec
 
 Group = Literal["base", "arm", "gripper"]
-"""Joints that move together: x, y, heading of the base; the arm's five angles; the gap between the
-fingers.
-"""
+"""Joints that move together: the base's x, y, heading; the arm's five angles; the fingers' gap."""
 
 GROUPS: tuple[Group, ...] = ("base", "arm", "gripper")
 Joints = tuple[float, ...]

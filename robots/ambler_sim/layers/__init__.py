@@ -1,3 +1,1 @@
-"""Reactive layers: each file is a program that adds wiretaps, monitors and exception handlers to
-the walk.
-"""
+"""Reactive layers: each file is a program that adds wiretaps, monitors and exception handlers."""

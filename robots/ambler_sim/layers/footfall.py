@@ -1,6 +1,4 @@
-"""The footfall layer: a leg move is achieved only after a check that its foot stands well (paper,
-figure 3).
-"""
+"""The footfall layer: a leg move is achieved only after a check of its foot (paper, figure 3)."""
 
 from robots.ambler_sim.messages import MOVE_LEG, READINGS, STANCE, TAKE_STEPS
 from robots.ambler_sim.planning.checks import fault_of_footfall

@@ -1,5 +1,5 @@
-"""The stability layer: before each leg and body move it is checked that the robot will not tip over
-(paper, figure 3).
+"""The stability layer: a check against tipping over before each leg and body move (paper, figure
+3).
 """
 
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC
@@ -20,9 +20,7 @@ layer = make_layer("stability")
 
 @layer.at_start
 def attach(module: Module) -> None:
-    """Tap the handling of the moves, not their achievement, so that a retried move is checked
-    again.
-    """
+    """Tap the handling of the moves, not their achievement: a retried move is checked again."""
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, STABILITY_CHECK)
     module.tap(Condition.BEFORE_HANDLING, MOVE_BODY, STABILITY_CHECK)
     module.on_failure(UNSTABLE_MOVE, PLAN_OTHERWISE, of=TAKE_STEPS, maximum=1)
@@ -31,9 +29,7 @@ def attach(module: Module) -> None:
 
 @layer.handles(STABILITY_CHECK)
 def stability_check(task: Task) -> Margins:
-    """Hold the tapped move until its margins are known. Raises UNSTABLE_MOVE on it if the robot
-    could tip over.
-    """
+    """Hold the tapped move until its margins are known. Raises UNSTABLE_MOVE if they are small."""
     move, stance = task.tap_event.tapped, task.query(STANCE)
     assert move is not None
     if move.message == MOVE_LEG.name:

@@ -50,9 +50,7 @@ def steady(task: Task, _: float) -> None:
 
 @layer.handles(SUPPORT_CHECK)
 def support_check(task: Task) -> None:
-    """Hold a move until the robot stands level on six feet, or would at least be stable on the feet
-    that bear load.
-    """
+    """Hold a move until the robot is level on six feet or, at least, stable on the loaded feet."""
     readings = task.query(READINGS)
     if not hanging(readings) and tilt(readings) <= MOST_TILT:
         return

@@ -33,17 +33,13 @@ DRIFT = 0.08
 """The error (m) of a drifting encoder, unless the fault has a size."""
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
-"""A rock put in the way (m): its radius, its least distance from the foot, and its height above the
-way.
-"""
+"""A rock put in the way (m): its radius, least distance from the foot, and height above the way."""
 
 HIGHEST_ROCK = 1.0
 """The greatest height (m) of a rock above the ground around it."""
 
 SPARED = 0.5
-"""The support margin (m) that must be left without the legs that sink. With less the robot would
-rock.
-"""
+"""The support margin (m) needed without the legs that sink; with less the robot would rock."""
 
 
 class FaultyPlant:
@@ -69,8 +65,8 @@ class FaultyPlant:
             self._begin(fault)
 
     def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
-        """If a rock is armed and there is room, put it in the middle of a lifted foot's way, rising
-        above that way.
+        """Begin an armed rock if there is room: it stands in a lifted foot's way and rises above
+        it.
         """
         for fault in self._armed_of(ROCK)[:1]:
             joints = self.plant.joints()
@@ -165,9 +161,7 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _gives_way(self, fault: Fault) -> bool:
-        """Let the ground fall in under the fault's leg, or under the next leg that can be spared
-        with its neighbours.
-        """
+        """Let the ground fall in under the fault's leg, or the next one that can be spared."""
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
             middle = stance.feet[leg]

@@ -129,9 +129,7 @@ class KinematicPlant(Plant):
         )
 
     def _stand(self, feet: Array) -> None:
-        """Find the height, roll and pitch at which the springs of the feet below ground bear the
-        weight.
-        """
+        """Find the height, roll and pitch at which the springs of the feet bear the weight."""
         spot = to_world(self._pose, feet)
         spot[:, :2] = np.where((self._loads > 0)[:, None], self._anchors, spot[:, :2])
         wanted = self._terrain.under(spot) - feet[:, 2]
@@ -149,9 +147,7 @@ class KinematicPlant(Plant):
 
 
 def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
-    """How deep (m) each leg's beams are in the nearest rock that reaches up to them. Rocks are in
-    the body frame.
-    """
+    """How deep (m) each leg's beams are in the nearest rock that reaches them (body frame)."""
     depths = []
     for leg, (angle, reach, _) in enumerate(joints):
         along, away = (

@@ -1,6 +1,4 @@
-"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. Nothing here uses
-a simulator.
-"""
+"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. No simulator."""
 
 import itertools
 import math
@@ -16,27 +14,22 @@ SPEEDS: Array = np.array([3.0, 1.2, 1.6])
 """Greatest speeds of angle (rad/s), reach and drop (m/s)."""
 
 ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
-"""Greatest accelerations (rad/s2, m/s2). A foot that is jerked aside feels forces as if it met
-something.
-"""
+"""Greatest accelerations (rad/s2, m/s2). A jerked foot would feel forces as from an obstacle."""
 
 SHORTEST = 0.1
 GUARD = 0.15
 GUARDED_SPEED = 0.25
 HURRIED_SPEED = 1.0
-"""The speed (m/s) at which a foot is lowered while the body tilts; GUARDED_SPEED is the normal one.
-"""
+"""The speed (m/s) at which a foot is lowered while the body tilts; otherwise GUARDED_SPEED."""
 
 TOUCH_LOAD = 1500.0
-"""The vertical force (N) from which on a foot stands."""
+"""A foot with at least this vertical force (N) stands."""
 
 HANGING_LOAD = 500.0
-"""The vertical force (N) below which a foot does not stand."""
+"""A foot with less than this vertical force (N) does not stand."""
 
 CONTACT_FORCE = 800.0
-"""The sideways force (N) from which on a lifted foot has met something. A free swing gives at most
-half of it.
-"""
+"""A lifted foot with this sideways force (N) has met something. A free swing gives at most half."""
 
 BACK_OFF = 0.25
 """How far (m) a foot moves back from an obstacle before it is put down."""
@@ -85,9 +78,7 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
 
 
 def back_off(segment: Segment, share: float) -> Segment:
-    """The way back from *share* of a segment, until the foot is BACK_OFF away or at the segment's
-    start.
-    """
+    """The way back from *share* of a segment: BACK_OFF long, or to the segment's start."""
     here = segment.at(share)
     while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
         share = max(share - 0.01, 0.0)

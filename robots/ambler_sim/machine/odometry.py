@@ -1,6 +1,4 @@
-"""Dead reckoning: the body's pose from a compass and from the standing legs, which are assumed not
-to slip.
-"""
+"""Dead reckoning: the body's pose from a compass and the standing legs, assumed not to slip."""
 
 import math
 
@@ -12,9 +10,7 @@ from robots.plane import world_place
 
 COMPASS_NOISE = math.radians(0.5)
 COMPASS_WEIGHT = 0.1
-"""The weight of one compass reading against the reckoning. It corrects slow drift of the heading
-and smooths noise.
-"""
+"""The weight of a compass reading: enough against slow drift, and too little to show its noise."""
 
 
 class Odometry:
@@ -25,9 +21,7 @@ class Odometry:
         self._feet = feet_of(joints)
 
     def estimate(self, joints: Array, airborne: set[int]) -> Pose:
-        """The present pose, from the motion of the standing feet relative to the body since the
-        last fix.
-        """
+        """The present pose, from the motion of the standing feet relative to the body."""
         standing = [leg for leg in range(len(joints)) if leg not in airborne]
         before, now = self._feet[standing], feet_of(joints)[standing]
         # The motion of the body, in its own frame at the last fix.

@@ -21,9 +21,7 @@ class Pacer:
         self._due = time.monotonic()
 
     def passed(self, seconds: float) -> None:
-        """Count *seconds* of simulated time, and wait until the same real time has passed at this
-        pace.
-        """
+        """Wait until *seconds* of simulated time have passed in real time at this pace."""
         if self.pace <= 0:
             return
         self._due += seconds / self.pace

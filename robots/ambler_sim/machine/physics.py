@@ -64,9 +64,7 @@ class BulletPlant(BulletWorld, Plant):
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
-        """Run the motors towards *joints* for one tick. *rates* are fed forward so that the joints
-        do not lag.
-        """
+        """Run the motors for one tick. The *rates* are fed forward so that joints do not lag."""
         if self._terrain.has_soft_ground:
             self._sink()
         self._command(
@@ -89,9 +87,7 @@ class BulletPlant(BulletWorld, Plant):
         return pushes
 
     def bumps(self) -> Array:
-        """The forces on links and body, from their touch sensors. The feet are left out: they rest
-        on the ground.
-        """
+        """The forces on links and body, from their touch sensors. Feet are left out."""
         bumps = np.zeros(len(LEGS) + 1)
         for contact in self._engine.getContactPoints(bodyA=self._robot):
             if contact[3] not in self._feet:
@@ -128,9 +124,7 @@ class BulletPlant(BulletWorld, Plant):
         self._ground.remake(x, y)
 
     def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
-        """Photograph from ahead and above. The rendering is twice as large, because the renderer
-        draws hard edges.
-        """
+        """Photograph from ahead and above, rendered twice as large to smooth hard edges."""
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
         frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)

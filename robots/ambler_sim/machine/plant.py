@@ -1,6 +1,4 @@
-"""The interface of a simulated mechanism to its controller: joints to drive and sensors to read,
-tick by tick.
-"""
+"""The interface of a simulated mechanism to a controller: joints to drive, sensors to read."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +13,8 @@ from robots.ambler_sim.vocabulary import Attitude, Foot, Pose, Posture, Rock
 
 
 class Plant(Protocol):
-    """A mechanism with 18 driven joints, on its ground. Arrays are (6, 3): angle, reach and drop of
-    each leg.
+    """A mechanism with 18 driven joints, on its ground. Arrays (6, 3) are angle, reach, drop per
+    leg.
     """
 
     name: str
@@ -36,9 +34,7 @@ class Plant(Protocol):
         """The horizontal force (N) on each foot, (6,)."""
 
     def bumps(self) -> Array:
-        """The force (N) of the ground on the links of each leg except its foot, and on the body,
-        (7,).
-        """
+        """The force (N) on each leg's links except its foot, and on the body, (7,)."""
 
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
@@ -60,9 +56,7 @@ class Plant(Protocol):
         trail: Sequence[Foot],  # noqa: ARG002
         size: tuple[int, int],  # noqa: ARG002
     ) -> bool:
-        """Photograph robot, ground and footprints as a PNG file of that size. Returns False without
-        a camera.
-        """
+        """Write a PNG file of robot, ground and footprints. Returns False without a camera."""
         return False
 
     def close(self) -> None:
@@ -70,9 +64,7 @@ class Plant(Protocol):
 
 
 def standing_posture(terrain: Terrain, start: Pose) -> Posture:
-    """A level posture around the x, y and heading of *start*, with all feet on the ground in the
-    standard configuration.
-    """
+    """A level posture around *start*, all feet on the ground in the standard configuration."""
     flat = np.array([[foot.x, foot.y, 0.0] for foot in standard_feet(start, 0.0)])
     flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])
     height = float(flat[:, 2].mean()) + BODY_HEIGHT

@@ -1,6 +1,4 @@
-"""The real-time controller: executes moves on any plant, keeps the body level and the feet evenly
-loaded.
-"""
+"""The real-time controller: executes moves on any plant, with a level body and even loads."""
 
 import math
 from collections import deque
@@ -59,15 +57,14 @@ BALANCE_RATE = 2.0
 LEVEL_RATE = 3.0
 GREATEST_CORRECTION = 0.4
 LEAST_WAY = 1e-4
-"""The sideways way (m) of a foot from which on it has a direction."""
+"""A foot whose sideways way (m) is shorter has no direction."""
 
 TRAIL = 60
 """The number of footholds remembered for pictures."""
 
 MOST_BEHIND = 0.12
 MOST_BEHIND_STANDING = 0.06
-"""How far (m or rad) a joint may be behind its command: MOST_BEHIND in a swinging leg, this in a
-leg that carries the body.
+"""How far (m or rad) a joint of a leg may lag: MOST_BEHIND while it swings, this while it stands.
 """
 
 MOST_TILT = 0.03
@@ -84,15 +81,11 @@ LEVEL_SECONDS = 6.0
 """How long ``level`` may take to bring the inclination below LEVEL_ENOUGH (rad)."""
 
 TOLERANCE = 0.05
-"""How far (m) the links move beyond the planners' limits: feet creep some centimetres on steep
-ground.
-"""
+"""How far (m) links may go beyond the planners' limits: feet creep centimetres on steep ground."""
 
 
 class Robot:
-    """A robot on some plant, for one thread. All moves block until done; simulated time passes only
-    during moves.
-    """
+    """A robot on some plant, for one thread. Moves block until done; only they let time pass."""
 
     def __init__(
         self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None
@@ -120,9 +113,7 @@ class Robot:
         )
         self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
-        """The greatest inclination (rad) of the body since the last footstep, or since this object
-        was made.
-        """
+        """The greatest tilt (rad) of the body since the last footstep or since the start."""
         self._settle()
         self.peak_tilt = 0.0
         if state is None:
@@ -173,9 +164,7 @@ class Robot:
             )
 
     def free_joint(self, leg: int, *, operator: bool = False) -> None:
-        """Move the joints of a leg to and fro until they are free. Raises NEEDS_OPERATOR if only an
-        operator can.
-        """
+        """Move the joints of a leg until they are free. Raises NEEDS_OPERATOR if they stay so."""
         is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
@@ -191,9 +180,7 @@ class Robot:
         self._rebase()
 
     def level(self) -> None:
-        """Put down legs that bear no load, and stand until the body is level, for about
-        LEVEL_SECONDS at most.
-        """
+        """Put down hanging legs and stand until the body is level or LEVEL_SECONDS are over."""
         self._rebase()
         began = self.time
         while self.time - began < LEVEL_SECONDS:
@@ -297,9 +284,7 @@ class Robot:
         )
 
     def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
-        """Write a photograph of the robot or, without a camera, a drawing. Returns the path
-        written.
-        """
+        """Write a photograph or, without a camera, a drawing. Returns the path written."""
         written = Path(path).with_suffix(".png")
         if not self._plant.photograph(written, tuple(self._trail), size):
             written = written.with_suffix(".svg")
@@ -331,9 +316,7 @@ class Robot:
         self._plant.close()
 
     def _rebase(self) -> None:
-        """Command the measured joints, so that old position errors do not become forces. Restart
-        the clock of this move.
-        """
+        """Command the measured joints: old errors must not become forces. Restart the pacer."""
         self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
@@ -341,9 +324,7 @@ class Robot:
     def _swing_over(
         self, leg: int, segments: list[motion.Segment], watch: MoveWatch
     ) -> Contact | None:
-        """Bring a leg over its foothold. If it meets something, move it back a little and return
-        the contact.
-        """
+        """Bring a leg over its foothold. After a contact, back off a little and return it."""
         lift, *others = segments
         self._swing(leg, lift, watch)
         for segment in others:
@@ -386,9 +367,7 @@ class Robot:
                 raise AMPLIFIER_TRIPPED(leg, f"the amplifier of leg {leg} is off")
 
     def _require_following(self, *legs: int, most: float) -> None:
-        """Raise JOINT_FAULT, standing on the other legs, if a leg is further behind its command
-        than *most*.
-        """
+        """Raise JOINT_FAULT, standing on the others, if a leg lags by more than *most*."""
         behind = np.abs(self._command - self._machine.joints()).max(axis=1)
         leg = max(legs, key=lambda each: behind[each])
         if behind[leg] > most:
@@ -415,9 +394,7 @@ class Robot:
         return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
-        """The contact of the body, or of a leg's beams, on the way from *start* to *goal*; None
-        without one.
-        """
+        """The contact of the body or of a leg's beams on the way to *goal*; None without one."""
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
             return None
@@ -511,9 +488,7 @@ class Robot:
 
 
 def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
-    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if the tilt of the body
-    stopped it.
-    """
+    """Raise TERRAIN_COLLISION after a contact, TIP_OVER_RISK after a stop because of the tilt."""
     if contact is not None:
         what = f"leg {contact.leg}" if contact.leg in LEGS else "the body"
         where = f"x {contact.x:.2f}, y {contact.y:.2f}, z {contact.z:.2f}"

@@ -30,9 +30,7 @@ class Machine:
 
     @contextmanager
     def moving(self, leg: int = NO_LEG) -> Iterator[None]:
-        """Reserve the robot for this thread's move of a leg or of the body. Call ``tick`` between
-        control ticks.
-        """
+        """Reserve the robot for this thread's move. Call ``tick`` between control ticks."""
         with self._moving:
             self._before, self._lifted = self.robot.stance(), leg
             try:

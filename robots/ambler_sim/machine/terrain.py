@@ -61,9 +61,7 @@ class Terrain:
         return (*self.spec.rocks, *self._added)
 
     def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
-        """The heights of a part of the lattice (rows along x, columns along y) from this row and
-        column on.
-        """
+        """The heights of a part of the lattice, rows along x, from this row and column on."""
         return self._lattice_heights(
             np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :]
         )

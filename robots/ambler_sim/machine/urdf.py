@@ -21,16 +21,14 @@ COLOURS = {
 
 
 def ambler_urdf() -> str:
-    """Describe the whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1
-    and so on.
+    """Describe the whole robot. Its joints are shoulder0, extension0, vertical0, foot0, shoulder1
+    ...
     """
     return robot("ambler", COLOURS, [_body(), *map(_leg, LEGS)])
 
 
 def _body() -> str:
-    """Two shafts with equipment boxes on top, a bridge between them, and the scanner on its mast in
-    front.
-    """
+    """Two shafts with equipment boxes, a bridge between them, and the scanner on its mast."""
     looks = []
     for y in (AMBLER.shaft_offset, -AMBLER.shaft_offset):
         looks += [
@@ -61,9 +59,7 @@ def _body() -> str:
 
 
 def _leg(leg: int) -> str:
-    """Shoulder beam, sliding extension, vertical link and foot. Each part is the child of the one
-    before.
-    """
+    """Shoulder beam, sliding extension, vertical link, foot: each the child of the one before."""
     parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
     shoulder = link(
         f"shoulder{leg}_link",

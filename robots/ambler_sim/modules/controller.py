@@ -61,9 +61,7 @@ ROCK_HEIGHTS = (0.6, 0.8)
 
 
 class ControlledMachine(Machine):
-    """A machine that saves and films each change of the robot by a task, and broadcasts each fault
-    that has begun.
-    """
+    """A machine that saves and films each task's changes, and broadcasts faults that have begun."""
 
     def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
         super().__init__(robot)
@@ -84,9 +82,7 @@ class ControlledMachine(Machine):
 
     @contextmanager
     def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
-        """Reserve the robot for a task that moves a leg, the body or nothing. Yields the function
-        to call at each tick.
-        """
+        """Reserve the robot for a task. Yields the function to call at each tick of a move."""
         try:
             with self.moving(leg):
                 yield lambda: self._on_tick(task)
@@ -98,9 +94,7 @@ class ControlledMachine(Machine):
                 task.broadcast(FAULT_BEGAN, fault)
 
     def _on_tick(self, task: Task) -> bool:
-        """Between two control ticks, take the scans that are waiting. Returns False, to stop, if
-        the task was killed.
-        """
+        """Take waiting scans between control ticks. Returns False if the task was killed."""
         self.tick()
         self.display.tick(task)
         if self._camera is not None:
@@ -188,9 +182,7 @@ def _add_repairs(controller: Module, machine: ControlledMachine) -> None:
 
 
 def main() -> None:
-    """Run the controller of a walk. It takes over the robot from an earlier controller, if there
-    was one.
-    """
+    """Run the controller of a walk. It takes over the robot of an earlier controller."""
     options = walk_options(".modules.controller", __doc__).parse_args()
     state = options.out / STATE
     saved = msgspec.json.decode(state.read_bytes(), type=Snapshot) if state.exists() else None

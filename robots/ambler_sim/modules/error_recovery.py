@@ -65,9 +65,7 @@ recovery.resource("steps", capacity=3)
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    """Give up the walk, with a reason, on a failure without another handler. Shuffle the feet where
-    the lower rungs are stuck.
-    """
+    """Give up the walk after any other failure. Shuffle the feet where lower rungs are stuck."""
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
     module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
 
@@ -93,9 +91,7 @@ def replan_move(task: Task, contact: Contact) -> None:
 
 @recovery.handles(PLAN_OTHERWISE, resource="steps")
 def plan_otherwise(task: Task) -> None:
-    """Replace a step that can't be planned or walked as planned, once the step before it has been
-    walked.
-    """
+    """Replace a step that can't be planned or walked, once the step before it has been walked."""
     step_task = attachment(task.trouble)
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:

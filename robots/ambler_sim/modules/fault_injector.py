@@ -58,9 +58,7 @@ def make_fault(kind: str, seed: int, number: int) -> Fault:
 
 
 def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: int) -> Module:
-    """Make the injector: random faults of these *kinds*, and those of the *schedule*, each with the
-    number of its leg move.
-    """
+    """Make the injector of random faults of these *kinds*, and of a *schedule* by leg move."""
     injector = Module("fault injector")
     numbers = count(1)
 

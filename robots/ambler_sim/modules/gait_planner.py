@@ -116,9 +116,7 @@ def take_steps(task: Task, ahead: Ahead) -> None:
 
 
 def order_image(task: Task, number: int) -> list[Constraint]:
-    """Order an image before the legs move. Returns the constraint that the next step is planned
-    after it.
-    """
+    """Order an image before the legs move. Returns the constraint on the next step's planning."""
     image = task.command(ACQUIRE_IMAGE, number)
     if memory.mode is not Mode.CONCURRENT:
         image = task.command(UPDATE_MAP)

@@ -1,6 +1,4 @@
-"""The local terrain mapper: builds the map from images when it is queried, and adds the obstacles
-that legs felt.
-"""
+"""The local terrain mapper: builds maps from images on demand, with obstacles that legs felt."""
 
 from collections import deque
 

@@ -1,6 +1,4 @@
-"""The planners that answer queries, each a separate program: the footfall, the leg recovery and the
-body planner.
-"""
+"""The planners that answer queries, a program each: footfall, leg recovery and body planner."""
 
 import argparse
 

@@ -1,6 +1,4 @@
-"""A drawing of the robot from the side and from above, as SVG text, for systems without a physics
-engine.
-"""
+"""A drawing of the robot from the side and from above, as SVG; it needs no physics engine."""
 
 from collections.abc import Iterable, Sequence
 
@@ -98,9 +96,7 @@ def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
 
 
 def _body_from_the_side(low: float) -> Iterable[str]:
-    """Shaft, deck, equipment box, and scanner on its mast. *low* is the height of the lowest
-    shoulder.
-    """
+    """Shaft, deck, equipment box, scanner on its mast. *low*: height of the lowest shoulder."""
     yield SIDE.box("dark", (-0.17, low - 0.4), 0.34, 1.7)
     yield SIDE.box("dark", (-0.48, low + 1.28), 0.95, 0.24)
     yield SIDE.box("box", (-0.47, low + 1.52), 0.70, 0.70)
@@ -137,9 +133,7 @@ def _from_above(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> Iter
 
 
 def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
-    """Strips of ground of one stratum each, row by row across the robot's way; higher ground is
-    lighter.
-    """
+    """Strips of ground of one stratum each, row by row across the way; higher is lighter."""
     rows, columns = (
         np.arange(-BEHIND, AHEAD, CELL),
         np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL),

@@ -45,9 +45,7 @@ def why_no_film(file: Path) -> str:
 
 
 def join_frames(folder: Path, file: Path) -> int:
-    """Join a folder's photographs to a film. Returns their number; without photographs it writes no
-    film.
-    """
+    """Join a folder's photographs to a film, if there are any. Returns their number."""
     import PIL.Image  # noqa: PLC0415 - it may not be installed
 
     frames: list[PIL.Image.Image] = []

@@ -1,6 +1,4 @@
-"""Photographs from raw renderings: the place of the camera, sky, shadows, contour lines and
-footprints.
-"""
+"""Photographs from raw renderings: camera, sky, shadows, contour lines and footprints."""
 
 import math
 from collections.abc import Sequence
@@ -26,8 +24,8 @@ SMOOTH = 0.3
 
 
 def camera_for(pose: Pose) -> rendering.Camera:
-    """A camera ahead of the robot, to its right and a little above. It shows six legs, both stacks
-    and the tracks behind.
+    """A camera ahead, to the right and a little above: it shows six legs, both stacks and the
+    tracks.
     """
     x, y = offset(pose, 10.8, -8.0)
     target_x, target_y = offset(pose, -0.8, 0.1)

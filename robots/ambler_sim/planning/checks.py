@@ -8,9 +8,7 @@ from robots.ambler_sim.planning.stability import conservative_margin, energy_mar
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
 LEAST_SUPPORT = 0.35
-"""Metres. With less, two springy feet bear nearly all the load, and the body tilts by more than a
-degree.
-"""
+"""Metres. With less, two springy feet bear nearly all, and the body tilts by over a degree."""
 
 LEAST_CONSERVATIVE = -0.2
 """Metres: below 0 the failure of one more leg could tip the robot.
@@ -19,8 +17,7 @@ On slopes of 30 % the gait itself reaches -0.15.
 """
 
 LEAST_ENERGY = 0.018
-"""Metres: a little less than LEAST_SUPPORT gives on level ground. Downhill the robot tips more
-easily.
+"""Metres: a little less than LEAST_SUPPORT gives on level ground. Downhill robots tip more easily.
 """
 
 LEAST_LOAD = 500.0

@@ -1,6 +1,4 @@
-"""Elevation maps: the robot's belief about the ground. Here they are built from range images and
-read.
-"""
+"""Elevation maps, the robot's belief about the ground: how they are built and read."""
 
 import math
 from collections.abc import Iterable
@@ -83,9 +81,7 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
-    """The map with the felt obstacles. Walls are infinitely high; cells where no foot should stand
-    are NaN.
-    """
+    """The map with the felt obstacles: walls are infinitely high, bad footholds are NaN."""
     heights = heights_of(ground).copy()
     rows, columns = np.indices(heights.shape)
     for each in obstacles:
@@ -131,9 +127,7 @@ def build_elevation_map(
 
 
 def _corner(stance: Stance) -> tuple[float, float]:
-    """The first cell of a map that reaches ahead. It is a multiple of the resolution, so that the
-    cells of all maps coincide.
-    """
+    """The first cell of a map that reaches ahead, on the lattice that all maps share."""
     centre_x, centre_y = offset(stance.pose, AHEAD, 0.0)
     return _on_lattice(centre_x - SIZE / 2), _on_lattice(centre_y - SIZE / 2)
 
@@ -155,9 +149,7 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
 
 
 def _filled(heights: Array) -> Array:
-    """Fill unknown cells from the known ones inwards, each with the mean of its neighbours, then
-    smooth them.
-    """
+    """Fill unknown cells from the known ones inwards by means of neighbours, then smooth them."""
     unknown = ~np.isfinite(heights)
     cells = heights.copy()
     for _ in range(math.ceil(FILL_REACH / RESOLUTION)):

@@ -46,9 +46,7 @@ def window_of(step: Step) -> Window:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Cells near the ideal foothold, one row each: their places (x, y, z), and the shape of the
-    patch around each.
-    """
+    """Cells near the ideal foothold, a row each: place (x, y, z) and shape of the ground there."""
 
     places: Array
     slope: Array
@@ -131,9 +129,7 @@ def _is_reachable(places: Array, step: Step) -> Mask:
 
 
 def _is_free(places: Array, step: Step) -> Mask:
-    """Mask the cells away from other feet and in front of the stack's other legs, whose order must
-    not change.
-    """
+    """Mask the cells away from other feet and in front of the stack's other legs (in order)."""
     others = [foot for foot in step.before.feet if foot.leg != step.leg]
     stand = positions(step.before)[[foot.leg for foot in others]]
     gaps = np.hypot(places[:, None, 0] - stand[None, :, 0], places[:, None, 1] - stand[None, :, 1])

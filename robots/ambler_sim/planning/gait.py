@@ -45,8 +45,7 @@ ACCELERATION = 0.6
 SHORTEST = 0.5
 LEAST_MARGIN = 0.3
 OVERREACH = 0.03
-"""How far (m) beyond the limits a leg may get when its foot has crept. Footholds are chosen with
-some reserve.
+"""How far (m) beyond its limits a leg may get as feet creep. Footholds are chosen with a reserve.
 """
 
 
@@ -210,18 +209,14 @@ def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
 
 
 def duration(start: Pose, goal: Pose) -> float:
-    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION. Turning counts at 2
-    m radius.
-    """
+    """Seconds for a cosine profile that peaks at ACCELERATION. Turning counts at 2 m radius."""
     turn = 2.0 * (goal.heading - start.heading)
     distance = math.hypot(goal.x - start.x, goal.y - start.y, goal.height - start.height, turn)
     return max(SHORTEST, math.pi * math.sqrt(distance / (2 * ACCELERATION)))
 
 
 def require_reach(joints: Array, tolerance: float = 0.0) -> None:
-    """Raise OutOfReach if a leg's (angle, reach, drop) is more than *tolerance* metres beyond its
-    limits.
-    """
+    """Raise OutOfReach if a leg's joints are more than *tolerance* metres beyond its limits."""
     fit = within_limits(joints, -tolerance)
     if not fit.all():
         leg = int(np.argmin(fit))

@@ -81,9 +81,7 @@ def rotation(start: float, end: float, sense: int) -> float:
 def swing_path(
     pose: Pose, leg: int, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Array:
-    """World points (x, y) under the foot: retract at the first angle, rotate, extend at the second
-    angle.
-    """
+    """World points (x, y) under a foot: retract at the first angle, rotate, extend at the last."""
     (first, reach), (last, final_reach) = start, end
     inward = _stretch(reach, radius)
     round_ = _stretch(first * radius, last * radius) / radius

@@ -54,9 +54,7 @@ CLEAR_OF_FOOT = 0.05
 """The distance (m) from a foot to the obstacle that it met. The foot may move on from there."""
 
 RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
-"""How far from its shaft (m) a leg may swing; the usual way (None) first. Further out it would come
-near other legs.
-"""
+"""How far from its shaft (m) a leg may swing, the usual way (None) first, clear of other legs."""
 
 IN_PLACE = 0.15
 
@@ -70,7 +68,7 @@ SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
 """Shifts (m) of the body ahead or to the left, for a better stance."""
 
 STANDS_WELL = 0.2
-"""The margin (m) without any one leg from which on the body is not shifted."""
+"""With this margin (m) or more, after the loss of any leg, the body is not shifted."""
 
 ADVANCES = (0.5, 0.25, 0.12)
 """How far (m) the body moves with a footstep."""
@@ -224,9 +222,7 @@ def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
 
 
 def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place, or one beside it if it is to be avoided. Unknown ground gets the mean height of
-    the feet.
-    """
+    """The place, or one beside it if it is bad. Unknown ground gets the mean height of the feet."""
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
         if math.isfinite(height := height_at(ground, x, y)):
@@ -235,9 +231,7 @@ def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
 
 
 def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
-    """Plan a move to a foothold at the first of RADII without an obstacle. Raises PathBlocked if
-    all are blocked.
-    """
+    """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if none is."""
     for radius in RADII:
         with contextlib.suppress(PathBlocked):
             return plan_swing(ground, stance, foothold, sense, radius)

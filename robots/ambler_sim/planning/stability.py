@@ -60,9 +60,7 @@ def support_margin(stance: Stance, *lifted: int) -> float:
 
 
 def conservative_margin(stance: Stance, *lifted: int) -> float:
-    """The support margin after the failure of the worst further leg (conservative support polygon,
-    1989).
-    """
+    """The support margin without the worst further leg (conservative support polygon, 1989)."""
     return min(support_margin(stance, *lifted, leg) for leg in LEGS if leg not in lifted)
 
 
@@ -82,9 +80,7 @@ def energy_margin(stance: Stance, *lifted: int) -> float:
 
 
 def least_norm_loads(feet: Array, loads: Array) -> Array:
-    """The most even vertical forces on *feet* (body frame) with the same sum and moments as
-    *loads*.
-    """
+    """The most even vertical forces on *feet* with the same sum and moments as *loads*."""
     arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]])
     even: Array = arms.T @ np.linalg.solve(arms @ arms.T, arms @ loads)
     return even
@@ -102,9 +98,7 @@ def _inward(edges: Array, arms: Array) -> Array:
 
 
 def _half_hull(points: list[Corner]) -> list[Corner]:
-    """One side of the convex hull of sorted points, without its last point (Andrew's monotone
-    chain).
-    """
+    """One side of the convex hull of sorted points, without its last (Andrew's monotone chain)."""
     hull: list[Corner] = []
     for point in points:
         while len(hull) >= 2 and not _turns_left(hull[-2], hull[-1], point):

@@ -1,6 +1,4 @@
-"""A walk in figures, from the record of its footsteps, its journal and the memory use of its
-programs.
-"""
+"""A walk in figures, from its footsteps, its journal and the memory use of its programs."""
 
 import hashlib
 import math
@@ -46,9 +44,7 @@ recovered from at the next footstep.
 """
 
 ROUND = 8
-"""Footsteps within which a recovery counts for a fault. In that time each leg moves, some more than
-once.
-"""
+"""Footsteps within which a recovery counts for a fault: each leg moves, some more than once."""
 
 CLASS = 0.05
 """The width of a class of slopes in the histogram."""

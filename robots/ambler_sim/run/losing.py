@@ -41,9 +41,7 @@ class ProgramKiller:
             self._killer.join()
 
     def kill(self, task: Task, name: str) -> None:
-        """Kill a program, and return when it is back. A planner is only stopped here, and killed
-        soon after.
-        """
+        """Kill a program, and return when it is back. A planner is stopped, and killed later."""
         self.close()
         _wait(lambda: is_at_rest(task), PATIENCE)
         if name in PLANNERS:

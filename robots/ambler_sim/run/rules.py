@@ -19,9 +19,7 @@ SCANNER, CONTROLLER = "scanner", "controller"
 
 
 def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Each time the controller begins a leg or body move, a stability check has succeeded since its
-    last try of that move.
-    """
+    """Whenever a leg or body move begins, a stability check has succeeded since its last try."""
     for move in _named(run, *MOVES):
         checks = _achieved_checks(run, move, "stability check")
         last_try_ended = 0.0
@@ -34,9 +32,7 @@ def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task
 
 
 def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]]:
-    """Before a leg move is achieved, a footfall check has succeeded since the controller finished
-    it.
-    """
+    """Before a leg move is achieved, a footfall check has succeeded since its last handling."""
     for move in _named(run, MOVE_LEG):
         if move.state is TaskState.ACHIEVED:
             checks = _achieved_checks(run, move, "footfall check")

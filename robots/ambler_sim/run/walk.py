@@ -1,6 +1,4 @@
-"""A walk: central, the Ambler's modules and layers and the simulator, each as a process; then
-pictures of the run.
-"""
+"""A walk: central, modules, layers and simulator, each as a process; then pictures of the run."""
 
 import argparse
 import sys
@@ -30,9 +28,7 @@ from tca_module.sending.task_ref import SentTask
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 PICTURE_TIME = 300.0
-"""Seconds that the last picture may take. A busy machine without a graphics card needs more than
-half a minute.
-"""
+"""Seconds for the last picture. Without a graphics card it may take more than half a minute."""
 
 SAMPLE_PERIOD = 0.5
 """Seconds between two measurements of the programs' memory use."""
@@ -82,9 +78,7 @@ class Walk:
         )
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
-        """The programs beside central, controller and task manager: name, Python module and
-        arguments.
-        """
+        """All programs but central, controller and task manager: name, module and arguments."""
         for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
             yield name, f"modules.{name}", []
         yield "gait planner", "modules.gait planner", self.arguments
@@ -121,9 +115,7 @@ class Walk:
         )
 
     def conduct(self, address: str, programs: Programs) -> bool:
-        """Act as the task manager: send the goal and watch it. Returns whether the robot has
-        arrived.
-        """
+        """Act as the task manager: send and watch the goal. Returns whether the robot arrived."""
         with closing(ProgramKiller(programs, address)) as killer, self._progress:
             self._bar = self._progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(

@@ -33,9 +33,7 @@ from tca_module import (
 
 PERIOD = 2.0
 LOW = 0.3
-"""The charge at which to recharge: enough for the way to the charger from anywhere, after all
-waits.
-"""
+"""The charge at which to recharge: enough to reach the charger from anywhere, after all waits."""
 
 TRIES, WAIT = 5, 30.0
 """How often the robot tries to charge, and the seconds between two tries."""

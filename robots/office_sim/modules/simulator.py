@@ -20,8 +20,8 @@ from tca_module import Module, Task
 
 
 def make_module(world: OfficeWorld, pace: float) -> Module:
-    """Make the module. Once the lab is opened, its time passes *pace* times as fast as that of the
-    programs.
+    """Make the module. From OPEN_LAB on, the lab's time passes *pace* times as fast as the
+    programs'.
     """
     simulator = Module("simulator")
     opened: list[float] = []

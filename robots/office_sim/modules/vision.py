@@ -1,6 +1,4 @@
-"""Vision: finds cups in the pictures of the camera on the ceiling, and recognises each cup in the
-next picture.
-"""
+"""Vision: finds cups in the ceiling camera's pictures, and recognises them in the next picture."""
 
 from contextlib import suppress
 
@@ -16,9 +14,7 @@ NEAR = 0.15
 """The distance (m) up to which objects in two pictures are the same cup."""
 
 PATIENCE = 3
-"""A cup missing in this number of pictures is out of view. In fewer pictures it may have been
-overlooked.
-"""
+"""A cup missing in this number of pictures is out of view; in fewer it may be overlooked."""
 
 
 class CupTracks:

@@ -1,6 +1,4 @@
-"""A robot's link to its partners: UDP datagrams, which may be lost, are repeated until they are
-acknowledged.
-"""
+"""A robot's link to its partners: UDP datagrams that are repeated until they are acknowledged."""
 
 import random
 import socket

@@ -92,9 +92,7 @@ class Statuses:
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
-        """Process a datagram of a partner. Returns the answer to send at once, if any. Raises
-        DamagedDatagram.
-        """
+        """Process a partner's datagram. Returns the answer, if any. Raises DamagedDatagram."""
         try:
             datagram = _DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
