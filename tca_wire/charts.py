@@ -94,19 +94,19 @@ class MachineChart(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         numbers = range(len(self.states))
         if not self.states:
-            raise ValueError("a machine has a state, at least")
+            raise ValueError("a machine needs at least one state")
         for number, state in enumerate(self.states):
             is_held = (
                 state.parent in numbers[:number] and self.states[state.parent].kind.is_container
             )
             if not is_held and state.parent != -1:
                 raise ValueError(
-                    f"state {number} stands in {state.parent}, which is no container before it"
+                    f"state {number} is in {state.parent}, which is not an earlier container"
                 )
         for arrow in self.arrows:
             if arrow.source not in numbers or arrow.target not in numbers:
                 raise ValueError(
-                    f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states"
+                    f"an arrow leads from {arrow.source} to {arrow.target}: there are only {len(numbers)} states"
                 )
 
     def inside(self, number: int) -> list[int]:

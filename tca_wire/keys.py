@@ -57,14 +57,14 @@ def check_name(name: str) -> None:
         msg = f"'{name}' can't be the name of a key: use letters, digits, '_', '-' and '.', at most 64"
         raise KeyRefused(msg)
     if name in _RESERVED:
-        msg = f"'{name}' can't be the name of a key: it has a meaning of its own; choose another"
+        msg = f"'{name}' can't be the name of a key: it is reserved; choose another"
         raise KeyRefused(msg)
 
 
 def check_key(text: str) -> None:
     """Raise KeyRefused if it is not the text of a CURVE key."""
     if not _is_key(text):
-        msg = f"{text[:60]!r} is no public key: that has {_LENGTH} characters; 'tca keys list' shows them"
+        msg = f"{text[:60]!r} is not a public key of {_LENGTH} characters: 'tca keys list' shows them"
         raise KeyRefused(msg)
 
 
@@ -82,11 +82,11 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise KeyRefused(f"can't read the key {path}: {why}") from None
     if stat.S_IMODE(mode) & 0o077:
-        msg = f"others may read the key {path}: chmod 600 it, and make a new one if somebody has"
+        msg = f"others may read the key {path}: chmod 600 it, and make a new key if anyone has read it"
         raise KeyRefused(msg)
     for name in names:
         if not _is_key(found.get(name)):
-            msg = f"{path} is no key: it has no '{name}' of {_LENGTH} characters; make one with 'tca keys new'"
+            msg = f"{path} is not a key: it has no '{name}' of {_LENGTH} characters; make one with 'tca keys new'"
             raise KeyRefused(msg)
     return {name: text for name, text in found.items() if isinstance(text, str)}
 

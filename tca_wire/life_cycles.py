@@ -66,7 +66,7 @@ class LifeCycle:
         self.transitions = tuple(transitions)
         for row in self.transitions:
             if not isinstance(row, Transition):
-                self._refuse(f"{row!r:.40} is no Transition")
+                self._refuse(f"{row!r:.40} is not a Transition")
         met = [state for one in self.transitions for state in (one.source, one.target)]
         self.states = tuple(dict.fromkeys([initial, *met, done, cancelled]))
         self.steps = {(one.source, one.name): one for one in self.transitions}
@@ -180,13 +180,13 @@ class LifeCycle:
     def _check(self) -> None:
         for name in (self.name, *self.states, *(one.name for one in self.transitions)):
             if not isinstance(name, str) or not is_name(name):
-                self._refuse(f"{name!r:.40} is no name: give a few printable characters")
+                self._refuse(f"{name!r:.40} is not a name: use a few printable characters")
         if len(self.transitions) > MOST_TRANSITIONS:
             self._refuse(
-                f"{len(self.transitions)} transitions are too many: {MOST_TRANSITIONS} are allowed"
+                f"it has {len(self.transitions)} transitions: at most {MOST_TRANSITIONS} are allowed"
             )
         if len({self.initial, self.done, self.cancelled}) < 3:
-            self._refuse("its first state and its two ends must be three states")
+            self._refuse("its initial state and its two final states must differ")
         if len(self.steps) < len(self.transitions):
             rows = [(one.source, one.name) for one in self.transitions]
             double = next(one for at, one in enumerate(self.transitions) if rows[at] in rows[:at])
@@ -204,38 +204,38 @@ class LifeCycle:
     def _check_row(self, one: Transition) -> None:
         where = f"'{one.name}' from '{one.source}'"
         if self.is_over(one.source):
-            self._refuse(f"{where}: an ended task takes no transition")
+            self._refuse(f"{where}: no transition may leave a final state")
         if one.by not in (Party.CLIENT, Party.SERVER, Party.BOTH) or not isinstance(one.by, Party):
-            self._refuse(f"{where}: client, server or both take it (Party), not {one.by!r:.40}")
+            self._refuse(f"{where}: its party must be Party.CLIENT, SERVER or BOTH, not {one.by!r:.40}")
         if not isinstance(one.effect, Effect):
-            self._refuse(f"{where}: {one.effect!r:.40} is no Effect")
+            self._refuse(f"{where}: {one.effect!r:.40} is not an Effect")
         wanted = Party.CLIENT if one.effect is Effect.NEW_GOAL else Party.SERVER
         if one.effect and one.by is not wanted:
             self._refuse(
-                f"{where}: only the {wanted} takes a transition with the effect '{one.effect}'"
+                f"{where}: only the {wanted} may take a transition with the effect '{one.effect}'"
             )
         if one.by is not Party.SERVER and self.is_over(one.target):
             self._refuse(
-                f"{where}: the server ends a task, a client asks for it: lead to a state that the server leaves"
+                f"{where}: only the server may end a task: lead to a state that the server leaves"
             )
         if one.effect is Effect.STOP and one.target != self.cancelled:
-            self._refuse(f"{where}: with the effect 'stop' it leads to '{self.cancelled}'")
+            self._refuse(f"{where}: with the effect 'stop' it must lead to '{self.cancelled}'")
 
     def _check_ways(self) -> None:
         met = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
         if lost := [state for state in self.states if state not in met]:
-            self._refuse(f"'{lost[0]}' is never reached from '{self.initial}'")
+            self._refuse(f"'{lost[0]}' can't be reached from '{self.initial}'")
         backwards = [
             (one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT
         ]
         can_end = _reachable([self.done, self.cancelled], backwards)
         if stuck := [state for state in self.states if state not in can_end]:
             self._refuse(
-                f"the server can't end a task that is '{stuck[0]}': add a way to an end, see ending()"
+                f"the server can't end a task that is '{stuck[0]}': add transitions to an end, see ending()"
             )
 
     def _refuse(self, why: str) -> None:
-        raise BadFormat(f"life cycle {self.name!r:.40} can't be: {why}")
+        raise BadFormat(f"life cycle {self.name!r:.40} is not valid: {why}")
 
 
 def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
@@ -274,7 +274,7 @@ def _read(text: str) -> LifeCycle:
             text, type=tuple[str, str, str, str, list[Transition]]
         )
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BadFormat(f"no table of a life cycle: {error}") from None
+        raise BadFormat(f"not the table of a life cycle: {error}") from None
     return LifeCycle(name, rows, initial=initial, done=done, cancelled=cancelled)
 
 

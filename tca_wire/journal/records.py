@@ -287,7 +287,7 @@ class JournalReader:
         length = self._length(self.offset)
         record = 0 if length is None else _HEAD + length
         if self.torn >= _HEAD and not self._is_zeros(self.offset + record):
-            self._refuse("there is no record here" if length is None else "its checksum is wrong")
+            self._refuse("no record starts here" if length is None else "its checksum is wrong")
 
     def _is_zeros(self, place: int) -> bool:
         """Whether nothing was there, or what some file systems leave after a power cut."""

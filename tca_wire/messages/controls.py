@@ -77,7 +77,7 @@ class Monitor(Message[D, None]):
             return
         text = f"the {what} '{message.name}' of {self.title} wants data of type {message.data}"
         raise BadFormat(
-            f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})"
+            f"{text}, but gets {whose}: declare both with the same type, or it without data ({misfit})"
         )
 
 

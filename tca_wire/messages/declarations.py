@@ -109,7 +109,7 @@ class Message(Generic[D, R], metaclass=Declaring):
     def encode_data(self, data: D) -> bytes:
         """*data* as bytes. Raises BadData, naming message and field."""
         if data is not None and self.data.kind is type(None):
-            msg = f"{self.title} is declared without data, and was given {data!r:.60}"
+            msg = f"{self.title} is declared without data, but got {data!r:.60}"
             raise BadData(msg)
         try:
             return self.data.encode(data)
@@ -122,7 +122,7 @@ class Message(Generic[D, R], metaclass=Declaring):
         try:
             return self.data.decode(data)
         except BadData as error:
-            msg = f"{self.title} came with data that is no {self.data}: {error}"
+            msg = f"{self.title} came with data that is not of type {self.data}: {error}"
             raise BadData(msg) from None
 
     def encode_reply(self, reply: R) -> bytes:
@@ -138,7 +138,7 @@ class Message(Generic[D, R], metaclass=Declaring):
         try:
             return self.reply.decode(reply)
         except BadData as error:
-            msg = f"the answer to {self.title} is no {self.reply}: {error}"
+            msg = f"the answer to {self.title} is not of type {self.reply}: {error}"
             raise BadData(msg) from None
 
 
@@ -345,9 +345,9 @@ class Failure(Generic[D], metaclass=Declaring):
         if kind_of is None or kind_of.data.kind is type(None):
             return
         if misfit := first_misfit(self.data.schema, kind_of.data.schema):
-            text = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind,"
+            text = f"failure '{self.name}' has data of type {self.data}, but exception handlers of"
             advice = f"declare both with the same type, or '{kind_of.name}' without data ({misfit})"
-            raise BadFormat(f"{text} {kind_of.data}, which its exception handlers want: {advice}")
+            raise BadFormat(f"{text} '{kind_of.name}' get data of type {kind_of.data}: {advice}")
 
     @overload
     def __call__(self: "Failure[None]", data: None = None, text: str = "") -> "FailureRaised": ...
@@ -358,7 +358,7 @@ class Failure(Generic[D], metaclass=Declaring):
         none.
         """
         if not isinstance(text, str):
-            msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"
+            msg = f"the text of failure '{self.name}' must be a str, not {text!r:.60}"
             raise BadData(msg)
         try:
             return FailureRaised(self.name, text, self.data.encode(data), self.kinds)

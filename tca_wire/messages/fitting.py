@@ -33,7 +33,7 @@ def first_misfit(sent: str, wanted: str) -> str | None:
         left, right = json.loads(sent or "{}"), json.loads(wanted or "{}")
         found = _Fitting(left, right).misfit(left, right)
     except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
-        return "$: one of the two is no JSON Schema"
+        return "$: one of the two is not a JSON Schema"
     return found and f"${found}"
 
 

@@ -72,7 +72,7 @@ class Format(Generic[T]):
         except _UNFIT as error:
             raise BadData(f"{error}") from None
         if len(data) > Limit.BODY:
-            msg = f"{len(data)} bytes; a message holds at most {Limit.BODY:d}: send a reference to it instead"
+            msg = f"{len(data)} bytes: a message holds at most {Limit.BODY:d}; send a reference instead"
             raise BadData(msg)
         if type(value) is not self._certain:
             read = self.decode(data)  # msgspec checks types only when it decodes
@@ -120,7 +120,7 @@ def first_difference(one: str, other: str) -> str | None:
         left, right = json.loads(one or "{}"), json.loads(other or "{}")
         return _Comparison(left, right).difference(left, right, "$")
     except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
-        return "$: one of the two is no JSON Schema"
+        return "$: one of the two is not a JSON Schema"
 
 
 class _Comparison:

@@ -100,7 +100,7 @@ def parts_in(header: msgspec.Struct) -> int:
 
 def unpacker(
     kinds: Any,
-    what_it_is_not: str,
+    expected: str,
     *,
     most_items: int = _LONGEST,
     most_parts: int = _LONGEST,
@@ -116,7 +116,7 @@ def unpacker(
         items: list[tuple[Any, bytes]] = []
         at, size, parts = 0, len(packet), 0
         if not 0 < size <= _LONGEST:
-            msg = f"a packet of {size} bytes; 8 to {_LONGEST} are allowed"
+            msg = f"a packet of {size} bytes: 8 to {_LONGEST} are allowed"
             raise ProtocolError(msg)
         while at < size:
             if at + 8 > size:
@@ -132,16 +132,19 @@ def unpacker(
                 items and (len(items) == most_items or size > together)
             ):
                 msg = (
-                    f"a packet of {size} bytes with a header of {header_length}: {most_items} items of together \
-{together} bytes, with headers of {_LONGEST_HEADER}, are allowed"
+                    f"a packet of {size} bytes with a header of {header_length}: allowed are {most_items} items,"
+                    f" together {together} bytes, and headers of {_LONGEST_HEADER}"
                 )
                 raise ProtocolError(msg)
             try:
                 header = decode(packet[begin:header_end])
             except _BAD_BYTES as error:
-                raise ProtocolError(f"a header is {what_it_is_not}: {error}") from None
+                raise ProtocolError(f"a header is not {expected}: {error}") from None
             if header_length > _SHORT and (parts := parts + parts_in(header)) > most_parts:
-                msg = f"the lists in the headers of a packet have more than {most_parts} entries; send several packets"
+                msg = (
+                    f"the lists in the headers of a packet have more than {most_parts} entries:"
+                    " send several packets"
+                )
                 raise ProtocolError(msg)
             items.append((header, packet[header_end:at]))
         return items
@@ -151,7 +154,7 @@ def unpacker(
 
 unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
     ToCentral,
-    "no message to central",
+    "a message to central",
     most_items=_MOST_ITEMS,
     most_parts=_MOST_PARTS,
     together=_TOGETHER,
@@ -159,7 +162,7 @@ unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
 """The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
 
 unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(
-    ToModule, "no message to a module"
+    ToModule, "a message to a module"
 )
 """The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
 

@@ -54,8 +54,8 @@ class Begun(Numbered, frozen=True, tag=99):
 ToEntrance = Greet | Direct | GiveUp
 FromEntrance = Greeting | Begun | Answer | Refused | Unknown | Closing
 
-unpack_to_entrance = unpacker(ToEntrance, "no message to a slot")
+unpack_to_entrance = unpacker(ToEntrance, "a message to a slot")
 """The items of a packet that came to an entrance. Raises ProtocolError, whatever the bytes."""
 
-unpack_from_entrance = unpacker(FromEntrance, "no message from a slot")
+unpack_from_entrance = unpacker(FromEntrance, "a message from a slot")
 """The items of a packet that came from an entrance. Raises ProtocolError, whatever the bytes."""

@@ -66,9 +66,9 @@ class Wording:
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
         if isinstance(cause, Keeper):
-            return "whoever runs central"
+            return "the operator of central"
         handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
-        return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"
+        return f"{cause.message or 'an invalid request'}{by_whom(cause.module)}{handler}"
 
     def name(self, number: int) -> str:
         """A message, task or lock: ``walk {1}``."""
@@ -94,22 +94,22 @@ PHRASES: dict[type, str] = {
     facts.Closed: "{why}",
     facts.CentralFailed: "{why}",
     facts.CentralRestarted: (
-        "away for {away:seconds}, {awaited} connections awaited; no task starts until "
-        "[hold?somebody says so|all are back or lost]"
-        "[may_lack?; the last inputs may be missing, {aside} entries were put aside]"
+        "down for {away:seconds}; waiting for {awaited} connections; no task starts until "
+        "[hold?a module allows it|all are back or lost]"
+        "[may_lack?; the last inputs may be missing, {aside} entries were set aside]"
     ),
-    facts.Shortened: "what had ended by {until:seconds} was removed ('tca log prune')",
+    facts.Shortened: "removed all that had ended by {until:seconds} ('tca log prune')",
     facts.DiskSpace: "the disk of the journal [is_low?is nearly full|has room again]",
     facts.WentOn: "tasks start again{by:by}",
     facts.ModuleJoined: "{module}[, {process}][, {principal}]",
     facts.KeysChanged: "[allowed: {allowed:list} ][revoked: {revoked:list}]",
     facts.ModuleLeft: "{module}: {why}",
-    facts.PermissionsChanged: "[source?{rules} rules of {source}|whoever gets in may do everything]",
-    facts.ResourceChanged: "{module:place} takes {capacity} at a time",
-    facts.Recalling: "{module:place} [is_over?has said|is asked] what it has not begun",
+    facts.PermissionsChanged: "[source?{rules} rules of {source}|no rules: every module may do everything]",
+    facts.ResourceChanged: "{module:place} handles up to {capacity} at a time",
+    facts.Recalling: "{module:place} [is_over?has answered|is asked] which prefetched messages have not started",
     facts.FormatDefined: "{message_class} {message}, declared by {module}",
     facts.HandlerAdded: "{module:place} handles {message}",
-    facts.HandlerRemoved: "{module} handles {message} no longer",
+    facts.HandlerRemoved: "{module} no longer handles {message}",
     facts.RequestRefused: "{sender}: {refusal}: {text}",
     facts.Ignored: "{sender}: {text}",
     facts.Received: (
@@ -137,7 +137,7 @@ PHRASES: dict[type, str] = {
     facts.SuspendedOrResumed: "{task:name}[is_suspended?| is resumed]{by:by}",
     facts.StateChanged: "{task:name}: {transition}{module:by}[, now {state}][: {text}]",
     facts.Kept: "{task:name} by {module}",
-    facts.Released: "{task:name}[module? by {module}|: its record is gone]",
+    facts.Released: "{task:name}[module? by {module}|: its record was removed]",
     facts.Awaited: "the answer to {id:name}",
     facts.WaitBegan: "{module}{origin:in} for {task:awaited}",
     facts.WaitEnded: "{module}{origin:in} for {task:awaited}",
@@ -151,7 +151,7 @@ PHRASES: dict[type, str] = {
     facts.Unhandled: "{task:name}[, so {undecided:name} could not decide]",
     facts.Retried: "{task:name}{by:by}",
     facts.TapAdded: "{id:number} {listener} {condition} of [task?{task:name}|all {message}]{by:by}",
-    facts.TapFired: "{tap:number} for {tapped:name}: [listener?{listener:name}|nobody]",
+    facts.TapFired: "{tap:number} for {tapped:name}: [listener?{listener:name}|the listener has no handler]",
     facts.MonitorTested: "{monitor:name}: [holds?holds|does not hold]",
     facts.MonitorEnded: "{monitor:name}: {why}",
 }
@@ -283,10 +283,10 @@ _DUE = {
     Due.KILL: "time of the kill",
     Due.TEST: "time of the next test",
     Due.WATCHED: "end of the watch",
-    Due.LOOK: "look for deadlocks",
-    Due.HUNG: "look for a handler that hangs",
+    Due.LOOK: "check for deadlocks",
+    Due.HUNG: "check for a handler that hangs",
     Due.CLAIM: "timeout of a lock",
-    Due.GRACE: "end of the wait for those who were there before the restart",
+    Due.GRACE: "end of the wait for modules to reconnect after the restart",
 }
 
 
@@ -294,7 +294,7 @@ def _date(began: float) -> str:
     try:
         return f"{datetime.fromtimestamp(began, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
-        return "at no known time"
+        return "at an unknown time"
 
 
 def _seconds(seconds: float) -> str:

@@ -20,22 +20,22 @@ from tca_wire.messages.schemas import TEXT_FORMATS
 from tca_wire.text.nearest import did_you_mean
 
 _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
-    "minimum": (lambda value, bound: value >= bound, "at least {}"),
-    "maximum": (lambda value, bound: value <= bound, "at most {}"),
-    "exclusiveMinimum": (lambda value, bound: value > bound, "more than {}"),
-    "exclusiveMaximum": (lambda value, bound: value < bound, "less than {}"),
-    "multipleOf": (lambda value, bound: value % bound == 0, "a multiple of {}"),
-    "minLength": (lambda value, bound: len(value) >= bound, "at least {} characters"),
-    "maxLength": (lambda value, bound: len(value) <= bound, "at most {} characters"),
-    "pattern": (lambda value, pattern: re.search(pattern, value) is not None, "text like {}"),
-    "minItems": (lambda value, bound: len(value) >= bound, "at least {} items"),
-    "maxItems": (lambda value, bound: len(value) <= bound, "at most {} items"),
+    "minimum": (lambda value, bound: value >= bound, "be at least {}"),
+    "maximum": (lambda value, bound: value <= bound, "be at most {}"),
+    "exclusiveMinimum": (lambda value, bound: value > bound, "be more than {}"),
+    "exclusiveMaximum": (lambda value, bound: value < bound, "be less than {}"),
+    "multipleOf": (lambda value, bound: value % bound == 0, "be a multiple of {}"),
+    "minLength": (lambda value, bound: len(value) >= bound, "have at least {} characters"),
+    "maxLength": (lambda value, bound: len(value) <= bound, "have at most {} characters"),
+    "pattern": (lambda value, pattern: re.search(pattern, value) is not None, "match {}"),
+    "minItems": (lambda value, bound: len(value) >= bound, "have at least {} items"),
+    "maxItems": (lambda value, bound: len(value) <= bound, "have at most {} items"),
 }
 _WORDS = {
-    "object": "an object", "array": "a list", "string": "a text", "integer": "a whole number", "number": "a number",
+    "object": "an object", "array": "a list", "string": "text", "integer": "a whole number", "number": "a number",
     "boolean": "true or false", "null": "null", "date": "a date like 2024-02-03",
     "date-time": "a time like 2024-02-03T12:00:00Z", "partial-date-time": "a time like 2024-02-03T12:00:00",
-    "any-date-time": "a time like 2024-02-03T12:00:00Z, or without the Z", "time": "a time of day like 12:00:00Z",
+    "any-date-time": "a time like 2024-02-03T12:00:00Z (or without Z)", "time": "a time of day like 12:00:00Z",
     "partial-time": "a time of day like 12:00:00", "any-time": "a time of day like 12:00:00",
     "duration": "a duration like PT1.5S", "uuid": "a UUID", "decimal": "a decimal number as text",
 }  # fmt: skip
@@ -328,7 +328,7 @@ class _DataBuilder:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
                 raise FieldMisfit(
-                    path, f"holds bytes, written in base64, and {_shown(value)} is not"
+                    path, f"must be bytes in base64, not {_shown(value)}"
                 ) from None
         if kind := TEXT_FORMATS.get(schema.get("format", "")):
             try:
@@ -349,7 +349,7 @@ class _DataBuilder:
     # --- in words ---------------------------------------------------------------------------------
 
     def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> FieldMisfit:
-        return FieldMisfit(path, f"must be {self._wanted(schema)}, and {_shown(value)} is not")
+        return FieldMisfit(path, f"must be {self._wanted(schema)}, not {_shown(value)}")
 
     def _wanted(self, schema: Any) -> str:
         schema = self._resolve(schema)
@@ -359,7 +359,7 @@ class _DataBuilder:
             return " or ".join(self._wanted(option) for option in schema["anyOf"])
         if fields := schema.get("properties"):
             return f"an object with {', '.join(fields)}"
-        return _WORDS.get(schema.get("format") or schema.get("type"), "something else")
+        return _WORDS.get(schema.get("format") or schema.get("type"), "a value of another type")
 
 
 def _without_bare(value: Any) -> Any:
@@ -381,7 +381,7 @@ def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
             continue
         if not is_met:
             raise FieldMisfit(
-                path, f"must be {words.format(schema[key])}, and {_shown(value)} is not"
+                path, f"must {words.format(schema[key])}, not {_shown(value)}"
             )
 
 

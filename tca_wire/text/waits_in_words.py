@@ -107,8 +107,8 @@ def reached(moment: int, number: int = 1) -> str:
 
 
 def suspended_by(module: str, *, since_birth: bool) -> str:
-    """A suspension: ``suspended by panel``, ``suspended since its birth by planner``."""
-    return f"suspended{' since its birth' * since_birth}{by_whom(module)}"
+    """A suspension: ``suspended by panel``, ``suspended since its creation by planner``."""
+    return f"suspended{' since its creation' * since_birth}{by_whom(module)}"
 
 
 class _Alike:
@@ -223,8 +223,8 @@ def _resume(waits: _Alike) -> str:
 def _condition(waits: _Alike) -> str:
     if not waits.first.name:
         return "until it is fired"
-    last = {None: "has not been tested", False: "did not hold", True: "held"}
-    return f"for its condition {waits.names}, which {last[waits.first.holds]}"
+    last_test = {None: "not tested yet", False: "did not hold last time", True: "held last time"}
+    return f"for its condition {waits.names} ({last_test[waits.first.holds]})"
 
 
 def _running(waits: _Alike) -> str:
@@ -266,7 +266,9 @@ _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     WaitKind.LOCK: _lock,
     WaitKind.RESUME: _resume,
     WaitKind.RECOVERY: lambda waits: (
-        f"until {waits.names if waits.first.number else 'somebody'} has dealt with its failure"
+        f"until {waits.names} has dealt with its failure"
+        if waits.first.number
+        else "until its failure is dealt with"
     ),
     WaitKind.CHANGE: lambda waits: f"for a change of {waits.names}",
     WaitKind.CONDITION: _condition,

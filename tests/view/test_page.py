@@ -218,7 +218,7 @@ def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(
     expect(line(page, 6)).to_contain_text("achieved")
     with damaged.open("ab") as log:
         log.write(b"X" * 50)
-    expect(page.locator("#problem")).to_contain_text("there is no record here")
+    expect(page.locator("#problem")).to_contain_text("no record starts here")
     expect(page.locator("#status")).to_have_text("damaged")
 
 
