@@ -64,7 +64,9 @@ def check_name(name: str) -> None:
 def check_key(text: str) -> None:
     """Raise KeyRefused if it is not the text of a CURVE key."""
     if not _is_key(text):
-        msg = f"{text[:60]!r} is not a public key of {_LENGTH} characters: 'tca keys list' shows them"
+        msg = (
+            f"{text[:60]!r} is not a public key of {_LENGTH} characters: 'tca keys list' shows them"
+        )
         raise KeyRefused(msg)
 
 

@@ -206,7 +206,9 @@ class LifeCycle:
         if self.is_over(one.source):
             self._refuse(f"{where}: no transition may leave a final state")
         if one.by not in (Party.CLIENT, Party.SERVER, Party.BOTH) or not isinstance(one.by, Party):
-            self._refuse(f"{where}: its party must be Party.CLIENT, SERVER or BOTH, not {one.by!r:.40}")
+            self._refuse(
+                f"{where}: its party must be Party.CLIENT, SERVER or BOTH, not {one.by!r:.40}"
+            )
         if not isinstance(one.effect, Effect):
             self._refuse(f"{where}: {one.effect!r:.40} is not an Effect")
         wanted = Party.CLIENT if one.effect is Effect.NEW_GOAL else Party.SERVER

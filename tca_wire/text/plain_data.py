@@ -327,9 +327,7 @@ class _DataBuilder:
             try:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
-                raise FieldMisfit(
-                    path, f"must be bytes in base64, not {_shown(value)}"
-                ) from None
+                raise FieldMisfit(path, f"must be bytes in base64, not {_shown(value)}") from None
         if kind := TEXT_FORMATS.get(schema.get("format", "")):
             try:
                 msgspec.convert(value, kind)
@@ -380,9 +378,7 @@ def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
         except (TypeError, re.error, ZeroDivisionError):  # the schema comes from anybody
             continue
         if not is_met:
-            raise FieldMisfit(
-                path, f"must {words.format(schema[key])}, not {_shown(value)}"
-            )
+            raise FieldMisfit(path, f"must {words.format(schema[key])}, not {_shown(value)}")
 
 
 def _shown(value: Any) -> str:
