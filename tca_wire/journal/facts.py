@@ -256,14 +256,12 @@ class Answered(NumberedFact, frozen=True, tag="answered"):
 
 
 class Dropped(NumberedFact, frozen=True, tag="dropped"):
-    """A message, or one receiver's copy of message *copy_of*, was dropped. *why* is for display;
-    *where* is the place of a query when its sender gave up.
-    """
+    """A message was dropped, or one receiver's copy of message *copy_of*; *why* is for display."""
 
     message: str
     why: str
     copy_of: int = 0
-    where: str = ""
+    where: str = ""  #: of a query: its place when its sender gave up
     dropping: Dropping = Dropping.OTHER
 
 
