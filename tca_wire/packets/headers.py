@@ -121,8 +121,7 @@ class Send(Numbered, frozen=True, tag=4):
     suspended: bool = False
     """The new task is created suspended by the sender: it does not start before it is resumed."""
     quiet: bool = False
-    """Of a task: TasksMade replaces Accepted. It comes with others, before the next other answer.
-    """
+    """The new task is confirmed by TasksMade, with others, before the next other answer."""
 
 
 class Reply(OfDelivery, frozen=True, tag=5):
@@ -306,7 +305,7 @@ class Suspend(OfTask, frozen=True, tag=17):
 
 
 class Deadline(Numbered, frozen=True, tag=18):
-    """Raise the failure "timeout" on a task if it does not reach a point within *seconds* from now."""
+    """Raise the failure "timeout" on a task if it misses a point within *seconds* from now."""
 
     point: Point
     seconds: float
@@ -536,7 +535,7 @@ class Deliver(OfDelivery, frozen=True, tag=37):
 
 
 class Cancelled(OfDelivery, frozen=True, tag=38):
-    """The task of this delivery was killed or will be handled again: its handler should end soon."""
+    """The task of this delivery was killed or will be retried: its handler should end soon."""
 
     why: str = ""
     """The reason, and the requester of a kill."""

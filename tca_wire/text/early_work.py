@@ -1,4 +1,4 @@
-"""Why an activity did not start ahead of its state, and what to do, in words."""
+"""The reason why an activity did not start ahead of its state, and a remedy, in words."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ class WhyNotEarly(NamedTuple):
     reason: str
     """``'reach' did not start early: it failed when it started early``."""
     remedy: str
-    """The change that lets it start early; "" if it has to wait for its turn."""
+    """The change that lets it start early; "" if it must wait for its turn."""
 
     def __str__(self) -> str:
         return "; ".join(filter(None, self))
@@ -38,7 +38,7 @@ _REMEDIES: dict[Reason, str] = {
 
 
 def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
-    """An objection of a report, with the labels of its machine."""
+    """Return an objection of a report in words, with the labels of its machine."""
     reason, remedy = _filled(chart, one, _REASONS[one.reason]), _REMEDIES.get(one.reason, "")
     if one.reason is not Reason.STEADY:
         reason = _filled(chart, one, "{state} did not start early: ") + reason
@@ -46,7 +46,10 @@ def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
 
 
 def why_stopped(chart: MachineChart, one: Objection) -> str:
-    """An objection to an activity that has started early: ``'reach': it failed when it started early``."""
+    """Return an objection to an activity that started early.
+
+    For example ``'reach': it failed when it started early``.
+    """
     return _filled(chart, one, "{state}: " + _REASONS[one.reason])
 
 
@@ -60,8 +63,10 @@ def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
 
 
 def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
-    """The objections that held until a transition: to the activity of the state that is entered;
-    and that nothing was foreseen, if an activity was done then.
+    """Return the objections that held until a transition.
+
+    They concern the activity of the state that is entered, or, if an activity has just finished,
+    that no state was foreseen.
     """
     steady = now.before if now.taken.split(" [")[0] == "done" else -1
     entered = now.current if now.taken else -1

@@ -50,8 +50,8 @@ MISFIT = [
     (int, IS_GONE, None, "wants data of type str, but gets the monitor's own, int: declare both with the same type, or it w"),
     (str, IS_GONE, SINK, "the action 'sink' of KIND 'watch' wants data of type float, but gets the monitor's own, str"),
     (None, IS_DARK, SAY, "the action 'say' of KIND 'watch' wants data of type str, but gets the monitor's own, None"),
-    (None, SEEN, GO, "the action 'go' of KIND 'watch' wants data of type Place, but gets what 'seen' replies, "),
-    (None, LEVEL, SAY, "but gets what 'level' replies, float | bool"),
+    (None, SEEN, GO, "the action 'go' of KIND 'watch' wants data of type Place, but gets the reply of 'seen', "),
+    (None, LEVEL, SAY, "but gets the reply of 'level', float | bool"),
     (None, NONE, None, "the condition of KIND 'watch' must be a Query, not None"),
 ]  # fmt: skip
 
@@ -96,6 +96,6 @@ def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> N
         ):
             Failure("scrape", has, kind_of=Failure("collision", wants))
     with pytest.raises(
-        BadFormat, match="failure 'slid' can't be a kind of 'slipped': give the declaration"
+        BadFormat, match="the kind_of of failure 'slid' must be a Failure"
     ):
         Failure("slid", kind_of="slipped")  # type: ignore[call-overload]
