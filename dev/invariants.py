@@ -491,8 +491,8 @@ def _check_routes(central: State) -> None:
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
-        told = {one for one in connections if message in one.routes}
-        assert message.senders_told.keys() == told, (
+        informed = {one for one in connections if message in one.routes}
+        assert message.senders_told.keys() == informed, (
             f"'{message.name}': its senders do not know its route, or are removed"
         )
     for slot in connections:

@@ -233,8 +233,8 @@ class LifeCycle:
             self._refuse(f"{where}: with the effect 'stop' it must lead to '{self.cancelled}'")
 
     def _check_reachability(self) -> None:
-        met = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
-        if lost := [state for state in self.states if state not in met]:
+        reached = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
+        if lost := [state for state in self.states if state not in reached]:
             self._refuse(f"'{lost[0]}' can't be reached from '{self.initial}'")
         backwards = [
             (one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT
@@ -254,13 +254,13 @@ def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
     targets: dict[str, list[str]] = {}
     for source, target in arrows:
         targets.setdefault(source, []).append(target)
-    met, new = set(start), list(start)
+    reached, new = set(start), list(start)
     while new:
         for target in targets.get(new.pop(), ()):
-            if target not in met:
-                met.add(target)
+            if target not in reached:
+                reached.add(target)
                 new.append(target)
-    return met
+    return reached
 
 
 def ending(*states: str, done: str = "done", cancelled: str = "cancelled") -> list[Transition]:

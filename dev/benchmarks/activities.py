@@ -112,15 +112,15 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--beside", action="store_true")
     parser.add_argument("--switch", type=float, default=0.005)
-    given = parser.parse_args()
-    sys.setswitchinterval(given.switch)
-    if given.beside:
+    options = parser.parse_args()
+    sys.setswitchinterval(options.switch)
+    if options.beside:
         threading.Thread(target=compute, daemon=True).start()
     print("processors  first begins p95 ms  last ends p95 ms  jitter median ms     p99  us a tick")
-    for processors in map(int, given.processors.split(",")):
+    for processors in map(int, options.processors.split(",")):
         rounds = [
-            play(given.activities, processors, 1 / given.rate, given.seconds)
-            for _ in range(given.rounds)
+            play(options.activities, processors, 1 / options.rate, options.seconds)
+            for _ in range(options.rounds)
         ]
         first, last, median, p99, cost = (
             statistics.median(column) for column in zip(*rounds, strict=True)

@@ -99,14 +99,14 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=10)
     parser.add_argument("--seconds", type=float, default=10)
     parser.add_argument("--rounds", type=int, default=5)
-    given = parser.parse_args()
+    options = parser.parse_args()
     head = f"{'tasks':>6} {'median ms':>10} {'p95 ms':>7} {'(range)':>13} {'p99':>6} {'max':>7}"
     print(f"{head} {'overruns':>9} {'processor':>10}")
-    for tasks in map(int, given.tasks.split(",")):
+    for tasks in map(int, options.tasks.split(",")):
         rounds = []
-        for _ in range(given.rounds):
+        for _ in range(options.rounds):
             with tempfile.TemporaryDirectory() as folder, central(Path(folder)) as address:
-                late, missed, share = play(address, tasks, given.rate, given.seconds)
+                late, missed, share = play(address, tasks, options.rate, options.seconds)
             steps = statistics.quantiles(map(abs, late), n=100)
             rounds.append((statistics.median(late), steps[94], steps[98], max(late), missed, share))
         middle = [statistics.median(column) for column in zip(*rounds, strict=True)]

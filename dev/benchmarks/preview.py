@@ -119,21 +119,21 @@ def main() -> None:
     )
     parser.add_argument("--lengths", default="10,100,1000,10000")
     parser.add_argument("--rounds", type=int, default=7)
-    given = parser.parse_args()
+    options = parser.parse_args()
     gc.disable()
     print(
         f"{'arrows':20} {'states':>7} {'list':>7} {'visited':>10} {'walk ms':>9} {'us/state':>9}"
         f" {'decision ms':>12}"
     )
     for case, arrows in CASES.items():
-        for length in map(int, given.lengths.split(",")):
+        for length in map(int, options.lengths.split(",")):
             chain = Chain(arrows, length)
             found = most_likely(chain, 0, LIMITS)
             visited = chain.visited
-            walk = least(given.rounds, partial(most_likely, chain, 0, LIMITS))
+            walk = least(options.rounds, partial(most_likely, chain, 0, LIMITS))
             present = Present(0, {}, Situation(progress=0.7))
             ahead = LookAhead(Discrete(), LIMITS, chain.needed)
-            whole = least(given.rounds, partial(ahead.decide, chain, present))
+            whole = least(options.rounds, partial(ahead.decide, chain, present))
             per_state = 1e3 * walk / len(found)
             print(
                 f"{case:20} {length:7,} {len(found):7,} {visited:10,} {walk:9.3f}"

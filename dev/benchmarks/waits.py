@@ -66,12 +66,12 @@ def wait_for(sender: Task | Client, walk: int, seconds: float) -> bool:
 
 def pings(client: Client, seconds: float) -> list[float]:
     """Return the milliseconds of each query."""
-    taken, end = [], time.perf_counter() + seconds
+    times, end = [], time.perf_counter() + seconds
     while (begin := time.perf_counter()) < end:
         client.query(PING, 1, timeout=60)
-        taken.append((time.perf_counter() - begin) * 1e3)
+        times.append((time.perf_counter() - begin) * 1e3)
         time.sleep(0.005)
-    return taken
+    return times
 
 
 def wait(address: str, walk: int, seconds: float) -> None:
@@ -135,11 +135,11 @@ def main() -> None:
     print(f"{'subtasks':>10}{'waiters':>13}{'median ms':>11}{'p99':>7}{'max':>7}{'max / none':>14}")
     for size in map(int, arguments.sizes.split(",")):
         found = measure(size, arguments.seconds)
-        for title, taken in found.items():
-            taken.sort()
-            worst = taken[-1]
-            p99, ratio = taken[len(taken) * 99 // 100], worst / found["none"][-1]
-            median = statistics.median(taken)
+        for title, times in found.items():
+            times.sort()
+            worst = times[-1]
+            p99, ratio = times[len(times) * 99 // 100], worst / found["none"][-1]
+            median = statistics.median(times)
             print(
                 f"{size:>10,}{title:>13}{median:>11.2f}{p99:>7.1f}{worst:>7.1f}{ratio:>14.1f}",
                 flush=True,

@@ -50,7 +50,7 @@ _SPARE = 8
 """
 
 
-class _Roughly(msgspec.Struct, array_like=True):
+class _LooseEntry(msgspec.Struct, array_like=True):
     """An entry whose facts and cause may be anything."""
 
     number: EntryNumber
@@ -59,7 +59,7 @@ class _Roughly(msgspec.Struct, array_like=True):
     cause: msgspec.Raw = msgspec.Raw(b"\xc0")
 
 
-class _Numbered(msgspec.Struct, array_like=True):
+class _EntryHead(msgspec.Struct, array_like=True):
     """An entry of which only the number and the first fact matter."""
 
     number: int
@@ -70,8 +70,8 @@ class _Numbered(msgspec.Struct, array_like=True):
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Entry).decode
-_decode_roughly = msgspec.msgpack.Decoder(_Roughly).decode
-_decode_number = msgspec.msgpack.Decoder(_Numbered).decode
+_decode_loosely = msgspec.msgpack.Decoder(_LooseEntry).decode
+_decode_head = msgspec.msgpack.Decoder(_EntryHead).decode
 _decode_fact = msgspec.msgpack.Decoder(Fact).decode
 _decode_cause = msgspec.msgpack.Decoder(Cause | None).decode
 
@@ -200,9 +200,9 @@ class JournalReader:
         length = self._length(place)
         if length is None or place + _HEAD + length > size or length > self._allowed(place):
             return False
-        both = self._bytes(place, _HEAD + length)
-        payload = memoryview(both)[_HEAD:]
-        if len(payload) == length and crc32(payload) == _unpack_head(both)[3]:
+        record_bytes = self._bytes(place, _HEAD + length)
+        payload = memoryview(record_bytes)[_HEAD:]
+        if len(payload) == length and crc32(payload) == _unpack_head(record_bytes)[3]:
             return True
         self._in_vain += _HEAD + length
         return False
@@ -257,9 +257,9 @@ class JournalReader:
             window, start = self._window, self._window_at
             found = _LIKE_A_RECORD.search(window, place - start)
             while found:
-                here = start + found.start()
-                if self._is_sound(here, size) and self._may_follow(here):
-                    return here
+                position = start + found.start()
+                if self._is_sound(position, size) and self._may_follow(position):
+                    return position
                 found = _LIKE_A_RECORD.search(window, found.start() + 1)
             place = max(start + len(window) - _HEAD, place + 1)
             place = max(self._data_from(place, end) - _HEAD, place)
@@ -269,7 +269,7 @@ class JournalReader:
         """Return whether a sound record is an entry that may follow the last one."""
         length = self._length(place) or 0
         try:
-            entry = _decode_number(self._bytes(place + _HEAD, length))
+            entry = _decode_head(self._bytes(place + _HEAD, length))
         except _UNREADABLE:
             return False
         if entry.number >= self._last or _version_in(entry.facts) is not None:
@@ -328,7 +328,7 @@ class JournalReader:
         time.
         """
         try:
-            entry = _decode_roughly(payload)
+            entry = _decode_loosely(payload)
         except _UNREADABLE:
             return None
         known: list[Fact] = []
@@ -350,7 +350,7 @@ class JournalReader:
         If it has no version, records before it are missing.
         """
         try:
-            version = _version_in(_decode_number(payload).facts)
+            version = _version_in(_decode_head(payload).facts)
         except _UNREADABLE:
             version = None
         if version is None and entry is None:

@@ -72,13 +72,15 @@ class Monitor(Message[D, None]):
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
 
-    def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
+    def _check(self, part_name: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
-            raise BadFormat(f"the {what} of {self.title} must be a {wanted}, not {message!r:.60}")
+            raise BadFormat(
+                f"the {part_name} of {self.title} must be a {wanted}, not {message!r:.60}"
+            )
 
     def _check_data(
-        self, what: str, message: "Message[Any, Any] | None", data: str, whose: str
+        self, part_name: str, message: "Message[Any, Any] | None", data: str, source: str
     ) -> None:
         """Raise BadFormat for a part that does not fit the data that it will get."""
         if (
@@ -87,9 +89,9 @@ class Monitor(Message[D, None]):
             or not (misfit := first_misfit(data, message.data.schema))
         ):
             return
-        text = f"the {what} '{message.name}' of {self.title} wants data of type {message.data}"
+        text = f"the {part_name} '{message.name}' of {self.title} wants data of type {message.data}"
         raise BadFormat(
-            f"{text}, but gets {whose}:"
+            f"{text}, but gets {source}:"
             f" declare both with the same type, or it without data ({misfit})"
         )
 
@@ -207,7 +209,7 @@ class DemonMonitor(Monitor[D]):
     ) -> None:
         super().__init__(name, data, [set_up, action, cancel])
         self.action = action
-        for what, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
-            self._check(what, part, _OPTIONAL)
-        for what, part in (("set-up", set_up), ("cancel message", cancel)):
-            self._check_data(what, part, self.data.schema, f"the monitor's own, {self.data}")
+        for part_name, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
+            self._check(part_name, part, _OPTIONAL)
+        for part_name, part in (("set-up", set_up), ("cancel message", cancel)):
+            self._check_data(part_name, part, self.data.schema, f"the monitor's own, {self.data}")

@@ -45,9 +45,9 @@ class Declaring(type):
                 signature.bind_partial(*arguments, **options)
                 signature.bind(*arguments, **options)
             except TypeError as error:
-                what = str(error).replace(" keyword-only", "")
+                problem = str(error).replace(" keyword-only", "")
                 raise TypeError(
-                    f"{cls.__name__}(): {what}: write {cls.__name__}{_form(signature)}"
+                    f"{cls.__name__}(): {problem}: write {cls.__name__}{_form(signature)}"
                 ) from None
             return super().__call__(*arguments, **options)
 
@@ -67,8 +67,8 @@ def _checked_name(name: str) -> str:
     return name
 
 
-def _format(kind: Any, what: str) -> Format[Any]:
-    """Return the format of a type (None: no data), or a format as it is. *what* is for errors."""
+def _format(kind: Any, subject: str) -> Format[Any]:
+    """Return the format of a type (None: no data), or a format as it is."""
     try:
         return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
     except BadFormat as error:
@@ -78,7 +78,7 @@ def _format(kind: Any, what: str) -> Format[Any]:
             if is_value
             else f": {error}"
         )
-        raise BadFormat(what + why) from None
+        raise BadFormat(subject + why) from None
 
 
 class Message(Generic[D, R], metaclass=Declaring):

@@ -114,13 +114,13 @@ class _Fitting:
 
     def _fields(self, sent: Any, wanted: Any) -> str | None:
         """Return the misfit of the wanted fields."""
-        theirs, needed = sent.get("properties", {}), wanted.get("required", ())
-        others = _values(sent)
+        sent_fields, required = sent.get("properties", {}), wanted.get("required", ())
+        other_values = _values(sent)
         for name, field in wanted.get("properties", {}).items():
-            there = theirs.get(name, others)
-            if name in needed and name not in theirs:
+            there = sent_fields.get(name, other_values)
+            if name in required and name not in sent_fields:
                 return f".{name}: a field here, none there"
-            if name in needed and name not in sent.get("required", ()):
+            if name in required and name not in sent.get("required", ()):
                 return f".{name}: required here, optional there"
             if there is not None and (found := self.misfit(there, field)):
                 return f".{name}{found}"
@@ -131,34 +131,42 @@ class _Fitting:
 
         They are skipped, unless their values or names matter.
         """
-        taken = wanted.get("additionalProperties", _ANYTHING)
+        accepted = wanted.get("additionalProperties", _ANYTHING)
         for name, field in sent.get("properties", {}).items():
             if name in wanted.get("properties", {}):
                 continue
-            if taken is False:
+            if accepted is False:
                 return f".{name}: no field here, one there"
-            if found := self.misfit(field, taken):
+            if found := self.misfit(field, accepted):
                 return f".{name}{found}"
-        others = _values(sent)
-        if others is None:
+        other_values = _values(sent)
+        if other_values is None:
             return None
         found = (
-            ": no further fields here, any there" if taken is False else self.misfit(others, taken)
+            ": no further fields here, any there"
+            if accepted is False
+            else self.misfit(other_values, accepted)
         )
         return found and f"[...]{found}"
 
     def _items(self, sent: Any, wanted: Any) -> str | None:
-        mine, yours = wanted.get("prefixItems", []), sent.get("prefixItems", [])
-        for place in range(max(len(mine), len(yours)) + 1):
-            there = (
-                yours[place]
-                if place < len(yours)
-                else sent.get("items", False if yours else _ANYTHING)
+        wanted_items, sent_items = wanted.get("prefixItems", []), sent.get("prefixItems", [])
+        for place in range(max(len(wanted_items), len(sent_items)) + 1):
+            sent_item = (
+                sent_items[place]
+                if place < len(sent_items)
+                else sent.get("items", False if sent_items else _ANYTHING)
             )
-            here = mine[place] if place < len(mine) else wanted.get("items", _ANYTHING)
-            if there is False:
+            wanted_item = (
+                wanted_items[place] if place < len(wanted_items) else wanted.get("items", _ANYTHING)
+            )
+            if sent_item is False:
                 return None
-            found = ": none here, some there" if here is False else self.misfit(there, here)
+            found = (
+                ": none here, some there"
+                if wanted_item is False
+                else self.misfit(sent_item, wanted_item)
+            )
             if found:
                 return f"[...]{found}"
         return None
@@ -198,27 +206,34 @@ def _takes_form(sent: Any, wanted: Any) -> bool:
     """Return whether values written as text, or as a list, can be read as wanted."""
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
-    mine, yours = wanted.get("format"), sent.get("format")
+    wanted_format, sent_format = wanted.get("format"), sent.get("format")
     is_any_zone = (
-        mine is not None and mine.startswith("any-") and yours in (mine[4:], f"partial-{mine[4:]}")
+        wanted_format is not None
+        and wanted_format.startswith("any-")
+        and sent_format in (wanted_format[4:], f"partial-{wanted_format[4:]}")
     )
-    return bool(mine == yours or is_any_zone or (mine is None and yours in TEXT_FORMATS))
+    return bool(
+        wanted_format == sent_format
+        or is_any_zone
+        or (wanted_format is None and sent_format in TEXT_FORMATS)
+    )
 
 
 def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
     """Return the wanted bound that *sent* does not keep."""
     for key in (*_AT_LEAST, *_AT_MOST, *_EQUAL):
-        mine, yours = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
-        if key == "maxItems" and yours is None and "prefixItems" in sent:
-            yours = len(sent["prefixItems"])
-        if mine is None or mine == yours:
+        wanted_bound, sent_bound = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
+        if key == "maxItems" and sent_bound is None and "prefixItems" in sent:
+            sent_bound = len(sent["prefixItems"])
+        if wanted_bound is None or wanted_bound == sent_bound:
             continue
-        is_kept = yours is not None and (
-            (key in _AT_LEAST and yours >= mine) or (key in _AT_MOST and yours <= mine)
+        is_kept = sent_bound is not None and (
+            (key in _AT_LEAST and sent_bound >= wanted_bound)
+            or (key in _AT_MOST and sent_bound <= wanted_bound)
         )
         if not is_kept:
-            there = "none" if yours is None else json.dumps(yours)
-            return f": {key} {json.dumps(mine)} here, {there} there"
+            shown = "none" if sent_bound is None else json.dumps(sent_bound)
+            return f": {key} {json.dumps(wanted_bound)} here, {shown} there"
     return None
 
 

@@ -129,7 +129,7 @@ class _Comparison:
         self._definitions = [
             schema.get("$defs", {}) if isinstance(schema, dict) else {} for schema in (left, right)
         ]
-        self._met: set[tuple[str, str]] = set()
+        self._visited: set[tuple[str, str]] = set()
 
     def _resolve(self, side: int, schema: Any) -> tuple[Any, str]:
         name = schema.get("$ref", "") if isinstance(schema, dict) else ""
@@ -142,9 +142,9 @@ class _Comparison:
     def difference(self, left: Any, right: Any, path: str) -> str | None:
         (left, left_name), (right, right_name) = self._resolve(0, left), self._resolve(1, right)
         if left_name and right_name:
-            if (left_name, right_name) in self._met:
+            if (left_name, right_name) in self._visited:
                 return None
-            self._met.add((left_name, right_name))
+            self._visited.add((left_name, right_name))
         if not isinstance(left, dict) or not isinstance(right, dict):
             return None if left == right else f"{path}: {brief(left)} here, {brief(right)} there"
         if left.get("type") != right.get("type") or ("enum" in left) != ("enum" in right):
@@ -152,13 +152,13 @@ class _Comparison:
         return self._fields(left, right, path) or self._rest(left, right, path)
 
     def _fields(self, left: Any, right: Any, path: str) -> str | None:
-        mine, yours = left.get("properties", {}), right.get("properties", {})
-        for name in sorted(mine.keys() | yours.keys()):
-            if name not in yours:
+        left_fields, right_fields = left.get("properties", {}), right.get("properties", {})
+        for name in sorted(left_fields.keys() | right_fields.keys()):
+            if name not in right_fields:
                 return f"{path}.{name}: a field here, none there"
-            if name not in mine:
+            if name not in left_fields:
                 return f"{path}.{name}: no field here, one there"
-            if found := self.difference(mine[name], yours[name], f"{path}.{name}"):
+            if found := self.difference(left_fields[name], right_fields[name], f"{path}.{name}"):
                 return found
         for name in sorted(set(left.get("required", ())) ^ set(right.get("required", ()))):
             sides = (
@@ -171,25 +171,25 @@ class _Comparison:
 
     def _rest(self, left: Any, right: Any, path: str) -> str | None:
         for key in sorted((left.keys() | right.keys()) - _NO_MATTER - {"properties", "required"}):
-            mine, yours = left.get(key), right.get(key)
-            step = {"items": "[...]", "additionalProperties": "[...]", "prefixItems": "[...]"}.get(
-                key, ""
-            )
+            left_part, right_part = left.get(key), right.get(key)
+            step = "[...]" if key in ("items", "additionalProperties", "prefixItems") else ""
             if (
                 key in ("anyOf", "prefixItems")
-                and mine is not None
-                and yours is not None
-                and len(mine) == len(yours)
+                and left_part is not None
+                and right_part is not None
+                and len(left_part) == len(right_part)
             ):
-                found = next(
-                    filter(None, map(self.difference, mine, yours, [path + step] * len(mine))), None
-                )
+                pairs = zip(left_part, right_part, strict=True)
+                differences = (self.difference(*pair, path + step) for pair in pairs)
+                found = next(filter(None, differences), None)
             elif key in ("enum", "anyOf", "prefixItems"):
                 found = (
-                    None if mine == yours else f"{path}: {brief(left)} here, {brief(right)} there"
+                    None
+                    if left_part == right_part
+                    else f"{path}: {brief(left)} here, {brief(right)} there"
                 )
             else:
-                found = self.difference(mine, yours, path + step)
+                found = self.difference(left_part, right_part, path + step)
             if found:
                 return found
         return None

@@ -71,14 +71,14 @@ class _Completion:
 
     def __init__(self, definitions: dict[str, Any]) -> None:
         self._definitions = definitions
-        self._met: set[str] = set()
+        self._visited: set[str] = set()
 
     def complete(self, kind: inspect.Type, schema: dict[str, Any]) -> None:
         """Complete the *schema* of *kind*, and the schemas inside it."""
         kind = _plain(kind)
         if name := schema.get("$ref", "").rpartition("/")[2]:
-            if name not in self._met:
-                self._met.add(name)
+            if name not in self._visited:
+                self._visited.add(name)
                 self.complete(kind, self._definitions[name])
             return
         if isinstance(kind, inspect.DateTimeType | inspect.TimeType):

@@ -195,6 +195,6 @@ def misfit(header: Any) -> str:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
         field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
-        what = str(error).partition(" - at ")[0]
-        return f"{field}: {what}" if field else what
+        problem = str(error).partition(" - at ")[0]
+        return f"{field}: {problem}" if field else problem
     return ""

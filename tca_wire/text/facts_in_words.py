@@ -192,27 +192,27 @@ _AWAITED = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}
 
 _FORMS: dict[str, Callable[[Wording, Any, Any], str]] = {
     "": lambda _, __, value: str(value),
-    "at": lambda say, _, task: say.name(task) if task else "the root",
-    "attachment": lambda say, _, one: say.filled(ATTACHMENT, one),
-    "attachments": lambda say, _, several: " and ".join(
-        say.filled(ATTACHMENT, one) for one in several
+    "at": lambda wording, _, task: wording.name(task) if task else "the root",
+    "attachment": lambda wording, _, one: wording.filled(ATTACHMENT, one),
+    "attachments": lambda wording, _, several: " and ".join(
+        wording.filled(ATTACHMENT, one) for one in several
     ),
-    "awaited": lambda say, fact, task: (
-        _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task))
+    "awaited": lambda wording, fact, task: (
+        _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or wording.name(task))
     ),
     "by": lambda _, __, by: by_whom(by),
-    "constraint": lambda say, _, one: say.constraint(one),
-    "constraints": lambda say, _, several: "; ".join(map(say.constraint, several)),
+    "constraint": lambda wording, _, one: wording.constraint(one),
+    "constraints": lambda wording, _, several: "; ".join(map(wording.constraint, several)),
     "date": lambda _, __, seconds: _date(seconds),
     "duration": lambda _, __, seconds: duration(seconds),
-    "in": lambda say, _, origin: f" in {say.name(origin)}" if origin else "",
+    "in": lambda wording, _, origin: f" in {wording.name(origin)}" if origin else "",
     "list": lambda _, __, names: ", ".join(names),
     "moments": lambda _, __, moments: _moments(moments),
-    "name": lambda say, _, number: say.name(number),
+    "name": lambda wording, _, number: wording.name(number),
     "number": lambda _, __, number: f"{{{number}}}",
     "original": lambda _, fact, number: f" of message {{{number}}}" if number != fact.id else "",
     "place": lambda _, fact, module: place(module, fact.resource),
-    "point": lambda say, _, point: say.point(point),
+    "point": lambda wording, _, point: wording.point(point),
     "raised": lambda _, __, by: raised_by(by),
     "reason": lambda _, fact, why: kill_reason(why, fact.by),
     "scope": lambda _, __, scope: f"{scope} of " if scope is not Scope.TASK else "",
@@ -271,8 +271,8 @@ def state_change(transition: str, state: str, module: str, text: str = "") -> st
 
 def kill_reason(why: str, by: str) -> str:
     """Return the reason for a kill and its requester, unless that is central."""
-    whom = by_whom(by).strip()
-    return f"{why} ({whom})" if why and whom else why or whom
+    requester = by_whom(by).strip()
+    return f"{why} ({requester})" if why and requester else why or requester
 
 
 def raised_by(by: str) -> str:
@@ -280,8 +280,8 @@ def raised_by(by: str) -> str:
 
     For example " (raised by the command 'tca raise')".
     """
-    whom = by_whom(by)
-    return f" (raised{whom})" if whom else ""
+    requester = by_whom(by)
+    return f" (raised{requester})" if requester else ""
 
 
 def place(module: str, resource: str) -> str:

@@ -229,8 +229,8 @@ class _DataBuilder:
     def _fields_named(self, schema: dict[str, Any], name: str) -> list[Any]:
         if schema.get("type", "object") != "object" or "enum" in schema:
             return []
-        others = schema.get("additionalProperties", "properties" not in schema)
-        field = schema.get("properties", {}).get(name, others)
+        additional = schema.get("additionalProperties", "properties" not in schema)
+        field = schema.get("properties", {}).get(name, additional)
         return [] if field is False else self._options(field)
 
     def fit(self, schema: Any, value: Any, path: str) -> Any:
@@ -283,13 +283,13 @@ class _DataBuilder:
     # --- one type each ----------------------------------------------------------------------------
 
     def _object(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        fields, others = (
+        fields, additional = (
             schema.get("properties", {}),
             schema.get("additionalProperties", "properties" not in schema),
         )
         if not isinstance(value, dict):
             raise self._unfit(schema, value, path)
-        for name in value if others is False else ():
+        for name in value if additional is False else ():
             if name not in fields:
                 raise FieldMisfit(_field(path, name), f"is unknown: {_advice(name, list(fields))}")
         for name in schema.get("required", ()):
@@ -300,7 +300,7 @@ class _DataBuilder:
         names = schema.get("propertyNames", {})
         return {
             self._key(names, name, path): self.fit(
-                fields.get(name, others), one, _field(path, name)
+                fields.get(name, additional), one, _field(path, name)
             )
             for name, one in value.items()
         }

@@ -154,8 +154,8 @@ def _reply(waits: _Alike) -> str:
 
 
 def _resource(waits: _Alike) -> str:
-    others = f" (or {waits.first.more} more)" if waits.first.more else ""
-    return f"for {waits.place}{others}{_blocked_by(waits.first.because)}"
+    alternatives = f" (or {waits.first.more} more)" if waits.first.more else ""
+    return f"for {waits.place}{alternatives}{_blocked_by(waits.first.because)}"
 
 
 def _lock(waits: _Alike) -> str:
@@ -184,16 +184,16 @@ def _blockers(because: Waits) -> str:
 def _blocker(wait: WaitFor, order: str) -> str:
     if wait.kind is WaitKind.HANDLER:
         return "has no handler now"
-    whose = ""
+    purpose = ""
     if wait.because:
         message = wait.because[0]
         how = "while handling" if message.kind is WaitKind.RUNNING else "for"
-        whose = f" {how} {numbered(message.name, message.number)}"
+        purpose = f" {how} {numbered(message.name, message.number)}"
     to_lock, has_locked = (
         ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
     )
     how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}{order}"
-    return f"{wait.module} {how}{whose}"
+    return f"{wait.module} {how}{purpose}"
 
 
 def not_answered(query: WaitFor) -> str:
@@ -233,10 +233,10 @@ def _condition(waits: _Alike) -> str:
 
 def _running(waits: _Alike) -> str:
     first = waits.first
-    whose = f"the handler of {waits.names}" if first.number else "its handler"
+    handler = f"the handler of {waits.names}" if first.number else "its handler"
     where = f" in {waits.place}" if first.module and waits.number == 1 else ""
     on = f", which waits {several_in_words(first.because)}" if first.because else ""
-    return f"until {whose}{where} returns{on}"
+    return f"until {handler}{where} returns{on}"
 
 
 _ON_RESOURCES = (WaitKind.RESOURCE, WaitKind.LOCK)

@@ -64,9 +64,9 @@ class Ends(Generic[NodeT, EndT_co]):
         """
         known, order, lowest = self.known, dict[NodeT, int](), dict[NodeT, int]()
         undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]] = {}
-        way: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
-        while way:
-            node, nexts, rest = way[-1]
+        path: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
+        while path:
+            node, nexts, rest = path[-1]
             for new in rest:
                 if new in order or new in known:
                     continue
@@ -76,10 +76,10 @@ class Ends(Generic[NodeT, EndT_co]):
                     known[new] = known[further[0]]
                     continue
                 undecided[new] = further, own
-                way.append((new, further, iter(further)))
+                path.append((new, further, iter(further)))
                 break
             else:
-                way.pop()
+                path.pop()
                 lowest[node] = min(
                     [lowest[node], *(lowest[one] for one in nexts if one not in known)]
                 )

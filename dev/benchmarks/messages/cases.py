@@ -56,13 +56,13 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cases of the same contestants, which take turns; *apart*: one contestant runs at a time."""
+    """Cases of the same contestants, which take turns or run one at a time (*is_sequential*)."""
 
     title: str
     cases: tuple[Trial, ...]
     entries: tuple[Entrant, ...]
     reference: str
-    apart: bool = False
+    is_sequential: bool = False
 
 
 def _rate(
@@ -208,7 +208,7 @@ STAGES = (
             {"1 idle module": 1, **{f"{crowd} idle modules": crowd for crowd in (10, 100, 500)}},
         ),
         "1 idle module",
-        apart=True,
+        is_sequential=True,
     ),
     Stage(
         "memory",
@@ -218,7 +218,7 @@ STAGES = (
             for what in ("a waiting goal", "a waiting inform", "a connected module")
         ),
         "",
-        apart=True,
+        is_sequential=True,
     ),
     Stage(
         "start-up",

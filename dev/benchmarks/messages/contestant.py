@@ -99,12 +99,12 @@ class Contestant(ABC):
 
 def timed(number: int, act: Callable[[], object]) -> list[float]:
     """Return the seconds of each of *number* calls."""
-    taken = []
+    times = []
     for _ in range(number):
         begin = time.perf_counter()
         act()
-        taken.append(time.perf_counter() - begin)
-    return taken
+        times.append(time.perf_counter() - begin)
+    return times
 
 
 def run_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:

@@ -32,12 +32,12 @@ class Driver:
     def __init__(self, entry: Entrant) -> None:
         self.entry = entry
         self.is_stopped = False
-        self._pipe, theirs = multiprocessing.get_context("spawn").Pipe()
+        self._pipe, remote_end = multiprocessing.get_context("spawn").Pipe()
         self._process = multiprocessing.get_context("spawn").Process(
-            target=_drive, args=(theirs, entry)
+            target=_drive, args=(remote_end, entry)
         )
         self._process.start()
-        theirs.close()
+        remote_end.close()
 
     def start(self) -> None:
         """Return when it can be measured. Raises Broken."""
@@ -115,12 +115,12 @@ def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | 
         return act(case.number, *case.arguments), None
     if case.kind is Kind.RATE:
         return _rate(act, case, seconds), None
-    taken: list[float] = []
+    times: list[float] = []
     end = time.perf_counter() + seconds
-    while not taken or time.perf_counter() < end:
-        taken += act(case.number, *case.arguments)
-    taken.sort()
-    return statistics.median(taken), taken[len(taken) * 99 // 100]
+    while not times or time.perf_counter() < end:
+        times += act(case.number, *case.arguments)
+    times.sort()
+    return statistics.median(times), times[len(times) * 99 // 100]
 
 
 def _rate(act: Any, case: Trial, seconds: float) -> float:

@@ -54,7 +54,7 @@ def run(
         entries = [entry for entry in stage.entries if _takes_part(entry, result, log)]
         measured = [Measured(stage, case) for case in stage.cases]
         log(f"{stage.title}: {', '.join(entry.title for entry in entries)}")
-        groups = [[entry] for entry in entries] if stage.apart else [entries]
+        groups = [[entry] for entry in entries] if stage.is_sequential else [entries]
         for group in groups:
             with _started(group, result, log) as drivers:
                 for number in range(rounds + 1):

@@ -101,12 +101,12 @@ class Nats(Contestant):
         return list(self._run(self._round_trips(number, body_of(size))))
 
     async def _round_trips(self, number: int, body: bytes) -> list[float]:
-        taken = []
+        times = []
         for _ in range(number):
             begin = time.perf_counter()
             await self.line.request("work", body, timeout=20)
-            taken.append(time.perf_counter() - begin)
-        return taken
+            times.append(time.perf_counter() - begin)
+        return times
 
     def pipelined(self, number: int, slots: int) -> None:
         del slots
