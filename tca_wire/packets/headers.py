@@ -263,9 +263,10 @@ class Attach(Numbered, frozen=True, tag=13):
 
 
 class Remove(Numbered, frozen=True, tag=14):
-    """Remove an exception handler or wiretap, or (*for all*) a monitor.
+    """Remove an exception handler, or the sender's share in a wiretap.
 
-    Accepted has id 0 if it no longer exists.
+    With *for_all* the wiretap is removed for all modules, or a monitor ends. Accepted has id 0 if
+    it no longer exists.
     """
 
     id: int
@@ -365,7 +366,7 @@ class Tap(Numbered, frozen=True, tag=64):
     """The options of a listener that is a monitor."""
     origin: int = 0
     at_once: bool = False
-    """Send the listener now if the tapped event of *task* has happened already; else refuse that.
+    """If the tapped event has happened already, send the listener now instead of refusing the tap.
     """
     of: str = ""
     """With *at_once*: the message of *task*, which may have ended."""

@@ -72,6 +72,7 @@ class Ends(Generic[NodeT, EndT_co]):
                     continue
                 order[new] = lowest[new] = len(order)
                 further, own = self._graph.steps(new)
+                # Its only successor is known: it has the same ends, and needs no search.
                 if len(further) == 1 and not own and further[0] in known:
                     known[new] = known[further[0]]
                     continue
@@ -98,6 +99,7 @@ class Ends(Generic[NodeT, EndT_co]):
             group.update([undecided.popitem()])
         own: set[Any] = {end for _, ends in group.values() for end in ends}
         beyond = (self.known[to] for nexts, _ in group.values() for to in nexts if to in self.known)
+        # Nodes share tuples of ends: distinct identities leave little to merge.
         several: list[Any] = [*{id(ends): ends for ends in beyond}.values()]
         if own:
             several.append(tuple(sorted(own)))
