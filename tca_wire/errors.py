@@ -2,12 +2,12 @@
 
 ::
 
-    WireError            a group: do not raise or catch it
-    ├── ProtocolError    the peer sent bytes that are not a valid message
-    ├── BadData          user data does not fit the format of its message
-    ├── BadFormat        a type cannot be a message format
-    ├── KeyRefused       a key file is unusable or unsafe
-    └── JournalDamaged   not a journal, too old, or damaged before its end
+    WireError            a group: do not raise or catch it.
+    ├── ProtocolError    the peer sent bytes that are not a valid message.
+    ├── BadData          user data does not fit the format of its message.
+    ├── BadFormat        a type cannot be a message format.
+    ├── KeyRefused       a key file is unusable or unsafe.
+    └── JournalDamaged   not a journal, too old, or damaged before its end.
 """
 
 from typing import Any

@@ -366,8 +366,7 @@ class Tap(Numbered, frozen=True, tag=64):
     """The options of a listener that is a monitor."""
     origin: int = 0
     at_once: bool = False
-    """If the tapped event has happened already, send the listener now instead of refusing the tap.
-    """
+    """If the tapped event has happened already, send the listener now rather than refuse it."""
     of: str = ""
     """With *at_once*: the message of *task*, which may have ended."""
 

@@ -77,10 +77,10 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     because: "tuple[WaitFor, ...]" = ()
     """The causes in turn.
 
-    - RESOURCE, LOCK: user (RUNNING), holder (LOCKED), earlier claim (LOCK), no slot (HANDLER)
-    - LOCKED, and LOCK in *because*: its message (RUNNING; TASK, if it is no longer handled)
-    - REPLY: the query's place (HANDLER, RESOURCE, RUNNING)
-    - RUNNING: its own waits
+    - RESOURCE, LOCK: user (RUNNING), holder (LOCKED), earlier claim (LOCK), no slot (HANDLER).
+    - LOCKED, and LOCK in *because*: its message (RUNNING; TASK, if it is no longer handled).
+    - REPLY: the query's place (HANDLER, RESOURCE, RUNNING).
+    - RUNNING: its own waits.
     """
 
 
