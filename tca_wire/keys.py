@@ -76,7 +76,7 @@ def _is_key(text: object) -> bool:
 
 
 def read_secret(path: Path, *names: str) -> dict[str, str]:
-    """Read the texts of these *names*, keys and others, from a secret file. Raises KeyRefused."""
+    """Read texts by *names*, keys and others, from a secret file. Raises KeyRefused."""
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode

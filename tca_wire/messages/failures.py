@@ -34,4 +34,4 @@ CANCELLED = "cancelled"
 NOT_BY_CHOICE = frozenset(
     (MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST)
 )
-"""An exception handler that fails with one of these, or a kind of them, has decided nothing."""
+"""An exception handler that fails with such a failure, or a kind of it, has decided nothing."""

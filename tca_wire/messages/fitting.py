@@ -23,7 +23,7 @@ _ANYTHING: dict[str, Any] = {}
 
 
 def first_misfit(sent: str, wanted: str) -> str | None:
-    """Return the first misfit of format *sent* to *wanted* (JSON Schemas); None if there is none.
+    """Return the first misfit of format *sent* to *wanted* (JSON Schemas), or None.
 
     For example ``"$.x: integer here, string there"``, where "here" is the wanted format.
     """

@@ -33,7 +33,7 @@ class Observe(Numbered, frozen=True, tag=32):
     message: str = ""
     below: TaskId = TaskId(0)
     states: Annotated[list[str], MANY] = []
-    """Only changes to one of these states (empty: to any)."""
+    """Report only changes to these states (empty: to any)."""
     origin: int = 0
 
 

@@ -107,7 +107,7 @@ def unpacker(
     most_parts: int = _LONGEST,
     together: int = _LONGEST,
 ) -> Callable[[bytes], list[tuple[Any, bytes]]]:
-    """Return a function that unpacks packets with headers of these *kinds*.
+    """Return a function that unpacks packets with headers of the given *kinds*.
 
     The function raises ProtocolError for invalid bytes of any kind.
 
@@ -183,7 +183,7 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 
 
 def misfit(header: Any) -> str:
-    """Return the error that central would find in the fields of a header; "" if there is none."""
+    """Return the error that central would find in the fields of a header, or ""."""
     try:
         encoded = _encode(header)
         if len(encoded) > Limit.HEADER:

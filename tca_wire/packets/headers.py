@@ -577,7 +577,7 @@ class Replace(Numbered, frozen=True, tag=51):
 
 
 class Recall(WireArray, frozen=True, tag=44):
-    """Return those of these prefetched deliveries that have not started. Answered by Recalled."""
+    """Return the named prefetched deliveries that have not started. Answered by Recalled."""
 
     deliveries: list[int]
 

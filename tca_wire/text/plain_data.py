@@ -211,7 +211,9 @@ class _DataBuilder:
         return schema.get("type", "object") == "object" and "enum" not in schema
 
     def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
-        """Return the schemas that the field at *path* may have. Raises BadData if there is none."""
+        """Return the schemas that the field at *path* may have. Raises BadData for an unknown
+        field.
+        """
         found = self._options(schema)
         for depth, name in enumerate(path):
             known = [key for option in found for key in option.get("properties", ())]
