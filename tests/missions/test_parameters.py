@@ -171,7 +171,7 @@ class Unknown(Turn):
         (Given, "task Given: 'env' is given by the server: choose another name"),
         (
             Unsendable,
-            "task Unsendable: parameter 'lock' can't be sent: Gripper has no format; use a dataclass, ",
+            "task Unsendable: parameter 'lock' can't be sent: Gripper has no format: use a dataclass, ",
         ),
         (
             Unknown,
