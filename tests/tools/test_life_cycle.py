@@ -139,7 +139,7 @@ def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
         ): f"{empty} has no life cycle: declare a LifeCycle, goal or command at its top level",
         (
             broken,
-        ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' can't be: no transition of the server",
+        ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' is not valid: no transition of the server",
         ("basic", "-o", tmp_path / "x.gif"): f"{tmp_path}/x.gif: its name must end in .svg",
     }
     for arguments, words in wrong.items():

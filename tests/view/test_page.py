@@ -212,7 +212,7 @@ def test_truncated_journal_is_shown_with_a_warning(look: Look, tmp_path: Path) -
     expect(line(page, 6)).to_contain_text("achieved")
     with damaged.open("ab") as log:
         log.write(b"X" * 50)
-    expect(page.locator("#problem")).to_contain_text("there is no record here")
+    expect(page.locator("#problem")).to_contain_text("no record starts here")
     expect(page.locator("#status")).to_have_text("damaged")
 
 
