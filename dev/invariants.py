@@ -173,9 +173,9 @@ def _check_place(central: State, task: Task) -> None:
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
     assert task.message.message_class.is_task, f"{task}: queries and informs are not tasks"
-    assert (task.recovery.guests if task.recovery else 0) == sum(
-        child.is_guest for child in children
-    ), f"{task}: guests"
+    assert (task.recovery.foreign_monitors if task.recovery else 0) == sum(
+        child.is_foreign_monitor for child in children
+    ), f"{task}: foreign_monitors"
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
     assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
 
@@ -494,7 +494,7 @@ def _check_routes(central: State) -> None:
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
         informed = {one for one in connections if message in one.routes}
-        assert message.senders_told.keys() == informed, (
+        assert message.informed_senders.keys() == informed, (
             f"'{message.name}': its senders do not know its route, or are removed"
         )
     for slot in connections:

@@ -36,7 +36,7 @@ class MessageClass(_WithTraits):
     """A wiretap, a monitor or a kill may send it."""
     has_condition: bool
     """It is a monitor that asks a query; other monitors are fired by modules."""
-    is_aside: bool
+    is_outside_sequence: bool
     """It is a monitor that watches over its siblings: it is not ordered with them."""
     handles_failures: bool
     """It is attached to tasks, not sent."""
@@ -108,7 +108,7 @@ class Outcome(StrEnum):
     KILLED = "killed"
 
     @property
-    def lets_go_on(self) -> bool:
+    def lets_successors_continue(self) -> bool:
         """Whether the successors continue as planned."""
         return self in (Outcome.DONE, Outcome.RESOLVED)
 

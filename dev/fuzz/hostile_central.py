@@ -265,7 +265,9 @@ class Attack:
 
     def _admin_event(self) -> Event:
         """Return an event that no client causes."""
-        kind = self._choices.one_of((TellAll, TellAll, KeysChanged, PermissionsChanged, Restarted))
+        kind = self._choices.one_of(
+            (ConfirmTasks, ConfirmTasks, KeysChanged, PermissionsChanged, Restarted)
+        )
         if kind is Restarted:
             away, grace, hold = (self._choices.below(20) for _ in range(3))
             return Restarted(self._time, away, grace, hold % 2 == 1, self._choices.below(3) * 1000)

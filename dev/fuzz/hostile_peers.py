@@ -158,7 +158,7 @@ class _Client:
             session.pending_calls.popleft()()
         session.complaints.clear()
         session.routing.clear()
-        for item in session.take_outgoing(self.steps.clock):
+        for item in session.pop_outgoing(self.steps.clock):
             assert unpack_to_central(pack_item(*item)), "an empty packet"
         for request in self.requests:
             assert request.why_failed is not None
@@ -240,7 +240,7 @@ def attack_entrance(data: bytes) -> None:
             inbox.next_message()
         inbox.listen()
         notes.report(session, steps.now)
-        for item in session.take_outgoing(steps.clock):
+        for item in session.pop_outgoing(steps.clock):
             assert unpack_to_central(pack_item(*item)), "an empty packet"
     inbox.close()
 
@@ -276,7 +276,7 @@ def attack_path(data: bytes) -> None:
                 Request(Send(0, "where"), b"\x07", wants_answer=True), steps.now
             )
         elif kind < 10 and path.is_usable:
-            informed += path.tell(Send(0, "note"), b"\x07")
+            informed += path.send_inform(Send(0, "note"), b"\x07")
         elif kind == 11 and choices.is_one_in(16):
             path.on_disconnected("it is gone", steps.now, lost=choices.is_one_in(2))
         path.receive()

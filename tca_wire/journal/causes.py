@@ -39,7 +39,7 @@ class ConnectionLost(_Cause, frozen=True, tag="lost"):
     connection: int
 
 
-class Keeper(_Cause, frozen=True, tag="keeper"):
+class Administrator(_Cause, frozen=True, tag="keeper"):
     """The operator of central restarted it or changed keys."""
 
 

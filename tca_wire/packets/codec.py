@@ -47,7 +47,7 @@ def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
     return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
 
 
-def pack_apart(header: msgspec.Struct, body: bytes) -> list[bytes]:
+def pack_in_pieces(header: msgspec.Struct, body: bytes) -> list[bytes]:
     """Return the pieces of one item; a large body is not copied."""
     if len(body) < _COPIED:
         return [pack_item(header, body)]

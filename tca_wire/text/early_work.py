@@ -62,7 +62,7 @@ def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
     )
 
 
-def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
+def late_objections(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
     """Return the objections that held until a transition.
 
     They concern the activity of the state that is entered, or, if an activity has just finished,

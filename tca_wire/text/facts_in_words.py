@@ -64,7 +64,7 @@ class Wording:
             return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
-        if isinstance(cause, Keeper):
+        if isinstance(cause, Administrator):
             return "the operator of central"
         handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
         return f"{cause.message or 'an invalid request'}{by_whom(cause.module)}{handler}"

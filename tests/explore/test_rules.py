@@ -195,7 +195,9 @@ def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(
 def test_an_exception_handler_that_is_not_passed_over_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
+    monkeypatch.setattr(
+        "tca_central.failing.failures.skip_exception_handler", lambda _central, _handler: None
+    )
     assert "no handler of 'higher', and the search does not continue" in found(helped(*ALL_ENDS))
 
 

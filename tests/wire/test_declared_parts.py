@@ -95,7 +95,5 @@ def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> N
             match=r"'scrape' has data of type .*, but exception handlers of 'collision' get",
         ):
             Failure("scrape", has, kind_of=Failure("collision", wants))
-    with pytest.raises(
-        BadFormat, match="the kind_of of failure 'slid' must be a Failure"
-    ):
+    with pytest.raises(BadFormat, match="the kind_of of failure 'slid' must be a Failure"):
         Failure("slid", kind_of="slipped")  # type: ignore[call-overload]
