@@ -403,7 +403,7 @@ def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_p
     assert result.exit_code == 0
     assert f"no breach in what can be read: {len(RULES)} rules\n" in result.stdout
     assert "good:" not in result.stdout
-    assert "are no whole entry" in result.stderr
+    assert "are not a complete entry" in result.stderr
 
 
 def test_a_journal_that_is_damaged(journal: Path) -> None:

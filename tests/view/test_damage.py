@@ -51,7 +51,7 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes_and_also_if_no
         with (run / "00000001.tcaj").open("ab") as segment:
             segment.write(damaged(third))
         expect(page.locator("#problem")).to_contain_text(
-            f"cut off, the last {len(third)} bytes are no whole entry"
+            f"cut off: the last {len(third)} bytes are not a complete entry"
         )
         expect(page.locator("#status")).to_have_text("live")
         with (run / "00000001.tcaj").open("ab") as segment:
@@ -94,7 +94,7 @@ def write_nonsense(run: Path) -> None:
     ("spoil", "told"),
     [
         pytest.param(write_nonsense, "there is no record here", marks=pytest.mark.soak),
-        (cut_short, "has become shorter than what was read of it, by 200 bytes"),
+        (cut_short, "200 bytes that were read have been cut off"),
         pytest.param(remove, "00000001.tcaj: has been removed", marks=pytest.mark.soak),
         (shutil.rmtree, "can't be read"),
     ],
@@ -121,7 +121,9 @@ def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
     whole, page = segment.read_bytes(), look(address)
     expect(page.locator("#status")).to_have_text("not closed")
     cut_short(run)
-    expect(page.locator("#problem")).to_contain_text("by 200 bytes; what was read before is shown")
+    expect(page.locator("#problem")).to_contain_text(
+        "200 bytes that were read have been cut off; entries read earlier are shown"
+    )
     asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
     request = page.context.request
     page.close()  # it would load itself anew, and the browser complain of the answer for which it does

@@ -204,7 +204,7 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
     expect(cells).to_have_text(
         [
             re.compile(
-                "^/.*/20231116-empty: empty, .*'tca log show --follow' wait for what comes$"
+                "^/.*/20231116-empty: empty, .*'tca log show --follow' wait for the first entry$"
             ),
             re.compile("^/.*/20231115-garbage/00000001.tcaj: not a journal of tca central$"),
             re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),

@@ -149,7 +149,7 @@ def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path:
     )
     assert (taken.exit_code, "give another --port" in taken.stderr) == (1, True)
     none = CliRunner().invoke(view, [str(tmp_path / "nothing"), "--no-browser"])
-    assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
+    assert (none.exit_code, "no such file or directory" in none.stderr) == (2, True)
 
 
 def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) -> None:
