@@ -2,8 +2,7 @@
 
 Theory. An entry of the journal contains all facts that one event caused, and entries have unique
 times. The cause of a fact is therefore the event of its entry. The entry names the event's origin:
-the run of a handler, which returned or sent something; a program outside of handlers; or none, if a
-time was due.
+the run of a handler, a program outside of handlers, or none, if a time was due.
 
 A handler had been working since it started, or since it last resumed after a wait. The event of
 that earlier entry let it start or resume, and so on, back to a program that acted on its own. A

@@ -84,7 +84,7 @@ def decider(run: Run, asker: Handling | None) -> Task | None:
 
 
 def retried(run: Run, task: Task, retry: Retry) -> str:
-    """Return ``will be handled again, with other data (retried by safety)``.
+    """Return ``retried with other data by safety``.
 
     If an exception handler called for another task requested it, this names both and the failure.
     """
@@ -92,7 +92,8 @@ def retried(run: Run, task: Task, retry: Retry) -> str:
     if handler is not None and (failed := called_for(run, handler)) is not task:
         failure = first_line(failed.was("failure", handler.received))
         why += f": {handler}, called for {failed}, which had failed: {failure}"
-    return f"will be handled again{', with other data' * retry.is_other} (retried{why})"
+    with_data = " with other data" if retry.is_other else ""
+    return f"retried{with_data}{why}"
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:

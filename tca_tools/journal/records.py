@@ -1,8 +1,8 @@
 """The records of a run: messages, tasks, and the runs of handlers. Plain data, filled by the fold.
 
 Many records are spans: they have a start, and an end once they are over. The spans of one thing
-are listed oldest first. A run may have millions of records, mostly with empty lists: all these
-lists are ``NONE``, and ``appended`` makes a new one for the first element.
+are listed oldest first. A run may have millions of records, mostly with empty lists. These
+are all ``NONE``; ``appended`` makes a new list for the first element.
 """
 
 from bisect import bisect_left, bisect_right

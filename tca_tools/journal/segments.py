@@ -28,8 +28,8 @@ class Folder:
     earlier runs in a folder. Wall-clock times decide only if the numbers do not, since the clock
     may have been set between the runs.
 
-    A segment that does not name its run counts as one of this run; it may be empty, or its reader
-    reports that it is not a journal.
+    A segment that does not name its run counts as one of this run. It may be empty, or it is not
+    a journal, which its reader reports.
     """
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:

@@ -176,7 +176,7 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
 def test_a_journal_that_begins_in_the_middle() -> None:
     for start in range(2, len(WALK), 9):
         assert _gaps(WALK[start:]) == (
-            ["it begins in the middle of a segment: what was sent before is not known"],
+            ["it starts in the middle of a segment: messages sent before are unknown"],
             [],
         )
 

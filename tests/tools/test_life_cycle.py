@@ -133,10 +133,10 @@ def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
     empty.write_text("X = 1\n")
     broken.write_text("\nfrom tca_module import LifeCycle\nX = LifeCycle('x', [])\n")
     wrong = {
-        (tmp_path / "none.py",): f"{tmp_path}/none.py: there is no such file",
+        (tmp_path / "none.py",): f"{tmp_path}/none.py: no such file",
         (
             empty,
-        ): f"{empty} has no life cycle: declare a LifeCycle, goal or command at its top level",
+        ): f"{empty} has no life cycle: declare a LifeCycle, goal or command in a global variable",
         (
             broken,
         ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' can't be: no transition of the server",

@@ -92,7 +92,7 @@ def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UnusableLog, match="there is no such file"):
+    with pytest.raises(UnusableLog, match="no such file"):
         open_log(tmp_path / "nothing")
     with pytest.raises(UnusableLog, match="a directory without segments"):
         open_log(tmp_path / "empty")

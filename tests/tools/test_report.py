@@ -306,7 +306,7 @@ def test_wrong_usage(tmp_path: Path) -> None:
     assert "must end in .html" in tca_report(run, "-o", tmp_path / "run.pdf").output
     assert "can't be written" in tca_report(run, "-o", tmp_path / "nowhere" / "run.html").output
     assert (
-        "there is no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
+        "no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
     )
 
 
