@@ -17,7 +17,7 @@ from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import FailureKind
 from tca_tools.analysis.long_waits import is_in_vain
 from tca_tools.analysis.resources import Growing, Use, growing, locked_out
-from tca_tools.analysis.step_words import queueing_before, still_handled, waited
+from tca_tools.analysis.step_words import queueing_before, still_handled, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
 from tca_tools.journal.fates import GOOD_FATES
@@ -268,7 +268,7 @@ def _longest(run: Run, wait: PrecedingWait, step: PathStep) -> str:
     """Return the longest wait of a group in words, with its reason if that is known."""
     asked = step.resumed.awaited if step.resumed else step.message_id
     comma = "," if step.resumed else ""
-    text = f"{waited(run, step)}{comma} {duration(wait.seconds)}, until {run_time(wait.end)}"
+    text = f"{wait_in_words(run, step)}{comma} {duration(wait.seconds)}, until {run_time(wait.end)}"
     if claim := wait.claim:
         verb = "held" if claim.granted is not None else "had requested"
         text += f"; {claim.sender} {verb} it"

@@ -99,7 +99,7 @@ class Causes:
                 start the walk continues with the waiting side, not with the awaited one.
         """
         start = since(step)
-        return self._back(_before(step, step.start if start is None else start), since)
+        return self._back(_position_before(step, step.start if start is None else start), since)
 
     def _back(self, first: _Position, since: _WaitStart) -> Iterator[PathStep]:
         at: _Position | None = first
@@ -114,7 +114,7 @@ class Causes:
             if step is not None and step.end > step.start:
                 yield step
                 if (start := since(step)) is not None:
-                    at = _before(step, start)
+                    at = _position_before(step, start)
 
     def _in_handler(self, at: _Position, handling: Handling) -> _StepBack:
         """Go back to where the handler last resumed, or else started."""
@@ -300,7 +300,7 @@ def _resumed(task: Task, time: float) -> PathStep | None:
     return None
 
 
-def _before(step: PathStep, since: float) -> _Position:
+def _position_before(step: PathStep, since: float) -> _Position:
     """Return the position before a step without its wait: in its handler, or when it was queued."""
     return _Position(since, step.message_id, step.handling if step.resumed else None)
 

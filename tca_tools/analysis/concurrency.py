@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.analysis.step_words import named, waited
+from tca_tools.analysis.step_words import named, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait_words import told
@@ -79,7 +79,7 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
     for acting, runs in run.runs.items():
-        commands = [handling for handling in runs if _acts(run, handling.message_id)]
+        commands = [handling for handling in runs if _is_acting(run, handling.message_id)]
         for chance in _Acting(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
             if plan not in seen:  # two resources may wait for one plan
@@ -92,7 +92,7 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     return sorted(found.values(), key=lambda overlap: -overlap.saving)
 
 
-def _acts(run: Run, message_id: int) -> bool:
+def _is_acting(run: Run, message_id: int) -> bool:
     """Whether a message is a command, and not a reaction to an event."""
     message = run.messages.get(message_id)
     if message is None or message.role in _REACTIONS:
@@ -116,7 +116,7 @@ class _Acting:
         last = commands[0]
         end = acts_since = last.start
         for handling in commands:
-            if handling.start > end and (found := self._held_in(handling, end)):
+            if handling.start > end and (found := self._held_step(handling, end)):
                 held, steps = found
                 saving = _saving(self.run, self.covers, held, steps, acts_since)
                 if saving > 0:
@@ -126,7 +126,7 @@ class _Acting:
             if handling is last or handling.until > end:
                 end, last = min(handling.until, self.run.time), handling
 
-    def _held_in(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
+    def _held_step(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
         """Return the step that an order held back until a gap, and the planning from there on."""
         run = self.run
         queueings = run.messages[second.message_id].queueings
@@ -143,7 +143,7 @@ class _Acting:
             return None  # planning had started before the gap
         while steps and not _was_held(run, steps[0], gap):
             steps.pop(0)
-        planning = [step for step in steps if _plans(run, step, self.key)]
+        planning = [step for step in steps if _is_planning(run, step, self.key)]
         return (steps[0], planning) if planning else None
 
 
@@ -163,7 +163,7 @@ def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     return not any(one.end == step.start and one.start < gap for one in task.queueings)
 
 
-def _plans(run: Run, step: PathStep, acting: Key) -> bool:
+def _is_planning(run: Run, step: PathStep, acting: Key) -> bool:
     """Whether a step is planning: work on a message that is not a command, in another resource."""
     message = run.messages.get(step.message_id)
     if message is None or message.role in _REACTIONS or message.message_class.only_acts:
@@ -177,7 +177,7 @@ def _plans(run: Run, step: PathStep, acting: Key) -> bool:
 def why_held(run: Run, held: PathStep) -> str:
     """Return why the planning was held back, in words."""
     if held.resumed:
-        return waited(run, held)
+        return wait_in_words(run, held)
     at, number = RunAt(run, nextafter(held.start, 0.0)), held.message_id
     waits = several_in_words(told(at, waits_now(at, number)))
     return f"{run.describe(number)} was held {waits}"
@@ -222,12 +222,12 @@ def _saving(
     for key, seconds in work.items():
         free = window
         if waits_in is None or key != (waits_in.module, waits_in.resource):
-            free -= _full(run, covers, key, (since, held.start))
+            free -= _full_seconds(run, covers, key, (since, held.start))
         possible += min(seconds, free)
     return min(possible, window)
 
 
-def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
+def _full_seconds(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
     """Return how long all slots of a resource were busy in a window, in seconds."""
     if key not in covers:
         spans = ((one.start, min(one.until, run.time)) for one in run.runs.get(key, []))

@@ -100,7 +100,7 @@ def failures(run: Run) -> list[FailureKind]:
     for one in all_failures(run):
         key = one.failure.name, one.message.name
         kinds.setdefault(key, FailureKind(*key)).cases.append(_case(run, one))
-    for key, case in _refused(run):
+    for key, case in _refused_waits(run):
         kinds.setdefault(key, FailureKind(*key)).cases.append(case)
     return sorted(kinds.values(), key=_rank)
 
@@ -115,7 +115,7 @@ def _case(run: Run, one: Failed) -> Case:
     became, why = fate(run, message, time), told_to(run, message, time)
     recovery, called = 0.0, list[str]()
     if isinstance(message, Task):
-        recovery = _recovered(run, message, one) - time
+        recovery = _recovery_end(run, message, one) - time
         called = [call.text for call in calls(RunAt(run), message, time, one.until)]
         if (above := begun_again_with(run, message, time)) is not None:
             why = f"{above} was handled again: {above.state}"
@@ -130,12 +130,12 @@ def _case(run: Run, one: Failed) -> Case:
         called,
         became,
         why,
-        _lost(one, became),
+        _lost_seconds(one, became),
         recovery,
     )
 
 
-def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
+def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
     """Yield the waits refused as deadlocks whose handlers did not fail with that failure."""
     if not run.deadlocks:
         return
@@ -167,7 +167,7 @@ def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
     return Fate.COPED if went_on(run, failed, handling.end) else Fate.ANSWERED
 
 
-def _lost(one: Failed, became: Fate) -> float:
+def _lost_seconds(one: Failed, became: Fate) -> float:
     """Return the seconds of lost work.
 
     They count from the start of the handler that failed. If a failure was raised beside the handler
@@ -193,7 +193,7 @@ def _raised_by(one: Failed) -> str:
     return whom
 
 
-def _recovered(run: Run, task: Task, one: Failed) -> float:
+def _recovery_end(run: Run, task: Task, one: Failed) -> float:
     """Return when a failed task was handled again, else when its exception handlers had ended."""
     if one.is_handled_again:
         again = bisect_right(task.handlings, one.time, key=attrgetter("start"))

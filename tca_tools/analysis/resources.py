@@ -124,7 +124,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
         ]
 
     capacity = capacity_of(run, key)
-    busy = _length(clipped((one.start, one.until) for one in handled))
+    busy = _total_seconds(clipped((one.start, one.until) for one in handled))
     waiting = sum(Cover(clipped(_waits_in(one))).total for one in handled if one.waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
     lines = clipped((one.start, one.until) for one in queued)
@@ -137,7 +137,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
         waiting=waiting,
         share=share,
         queued=len(queued),
-        queue_seconds=_length(lines),
+        queue_seconds=_total_seconds(lines),
         longest_queue=most_at_once(lines),
         longest_wait=max((until - since for since, until in lines), default=0.0),
         locked=Cover(clipped(_locked_while_there(run, key))).total,
@@ -164,7 +164,7 @@ def _locked_while_there(run: Run, key: Key) -> Iterator[Span]:
                 yield start, end
 
 
-def _length(spans: list[Span]) -> float:
+def _total_seconds(spans: list[Span]) -> float:
     """Return the sum of the durations of spans, in seconds."""
     return sum(max(until - since, 0.0) for since, until in spans)
 
@@ -227,7 +227,7 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     given = [handling.start for handling in run.runs.get(key, [])]
     end = max([queued[-1].start, *given[-1:]])
     late = (one for one in queued if one.until >= end)
-    left = [one for one in late if one.until > end or not _was_given(run, one)]
+    left = [one for one in late if one.until > end or not _was_delivered(run, one)]
     if len(left) < _LENGTH:
         return None
     start, middle = _growth(queued, left, end)
@@ -242,7 +242,7 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     return Growing(key, capacity_of(run, key), start, end, length, *rates, longest, message)
 
 
-def _was_given(run: Run, queueing: Queueing) -> bool:
+def _was_delivered(run: Run, queueing: Queueing) -> bool:
     """Whether a queued message was delivered to a handler."""
     message = run.messages.get(queueing.message_id)
     handlings = message.handlings if message is not None else ()

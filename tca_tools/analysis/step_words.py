@@ -39,7 +39,7 @@ def queueing_before(run: Run, step: PathStep) -> Queueing | None:
     return None
 
 
-def waited(run: Run, step: PathStep) -> str:
+def wait_in_words(run: Run, step: PathStep) -> str:
     """The wait before a step: ``the handler of walk {1} waited until move {3} is achieved``."""
     who = run.describe(step.message_id)
     if step.resumed is None:
@@ -70,22 +70,22 @@ def why_then(run: Run, step: PathStep) -> str:
     about = run.messages.get(message.about) if is_made else message
     held = ""
     if isinstance(about, Task) and (not is_made or about.received < step.start):
-        held = _held(run, about, step.start)
+        held = _reason_held(run, about, step.start)
     if is_made:
         which = f", which {held}" if held else ""
         return f"{message.role} for {run.describe(message.about)}{which}"
     return f"it {held}" if held else ""
 
 
-def _held(run: Run, task: Task, time: float) -> str:
+def _reason_held(run: Run, task: Task, time: float) -> str:
     """Return a task's waits until a time and the chain of causes that ended them.
 
     For example ``waited until walk {2} is achieved; walk {2} was killed: ...``; "" if unknown.
     """
-    return "; ".join(_links(run, task, time))
+    return "; ".join(_cause_chain(run, task, time))
 
 
-def _links(run: Run, task: Task, time: float) -> Iterator[str]:
+def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
     """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on."""
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:

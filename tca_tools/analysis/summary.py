@@ -71,7 +71,7 @@ def summary(run: Run) -> Summary:
         end,
         run.is_live,
         run.time,
-        len(_working(run)),
+        len(_active_modules(run)),
         len(run.messages),
         {one: counts[one] for one in STANDINGS if counts[one]},
         len(top),
@@ -90,7 +90,7 @@ def _dropped(run: Run) -> list[tuple[str, int]]:
     return [(name, number) for name, number in lost.most_common() if number]
 
 
-def _working(run: Run) -> set[str]:
+def _active_modules(run: Run) -> set[str]:
     offering = {name for name, module in run.modules.items() if module.resources}
     senders = {message.sender for message in run.messages.values() if not message.role}
     claiming = {claim.sender for claim in run.claims.values()}
@@ -151,17 +151,19 @@ def _outcome(run: Run, top: list[Task], failures: int) -> str:
         after = f", after {counted(failures, 'failure')} on the way" if failures else ""
         resolved = sum(task.state is TaskState.RESOLVED for task in top)
         if achieved := len(top) - resolved:
-            parts.append(f"{_some(achieved, top)} achieved{after}")
+            parts.append(f"{_count_in_words(achieved, top)} achieved{after}")
         if resolved:
-            parts.append(f"{_some(resolved, top)} {TaskState.RESOLVED}")
+            parts.append(f"{_count_in_words(resolved, top)} {TaskState.RESOLVED}")
     if bad:
         first = "first " if len(bad) > 1 else ""
-        parts.append(f"{_some(len(bad), top)} not achieved: {first}{_ended(bad[0])}")
+        parts.append(
+            f"{_count_in_words(len(bad), top)} not achieved: {first}{_end_in_words(bad[0])}"
+        )
     if living:
         still = "not over when the journal ended"
         if run.is_live:
             still = f"still running, as of {run_time(run.time)}"
-        parts.append(f"{_some(living, top, is_now=run.is_live)} {still}")
+        parts.append(f"{_count_in_words(living, top, is_now=run.is_live)} {still}")
     monitors = [task for task in map(run.tasks.__getitem__, run.top) if is_standby_monitor(task)]
     if watching := sum(not is_over(task) for task in monitors):
         how = "watching" if run.is_live else "watched"
@@ -169,7 +171,7 @@ def _outcome(run: Run, top: list[Task], failures: int) -> str:
     return "; ".join(parts) + "."
 
 
-def _some(number: int, top: list[Task], *, is_now: bool = False) -> str:
+def _count_in_words(number: int, top: list[Task], *, is_now: bool = False) -> str:
     """Return ``The top-level task was`` or ``2 of 3 top-level tasks were``."""
     singular, plural = ("is", "are") if is_now else ("was", "were")
     if len(top) == 1:
@@ -186,11 +188,11 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
                 failed = run.tasks.get(task.killed_for, task)
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
-    rows = [(_ended(tasks[0]), len(tasks)) for tasks in found.values()]
+    rows = [(_end_in_words(tasks[0]), len(tasks)) for tasks in found.values()]
     return sorted(rows, key=lambda row: -row[1])
 
 
-def _ended(task: Task) -> str:
+def _end_in_words(task: Task) -> str:
     """Return a task that was not achieved and the reason: ``move {5} failed: jam``."""
     how = f"was killed: {task.why_killed or 'no reason given'}"
     if task.state is TaskState.FAILED:

@@ -25,7 +25,7 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
         return
     if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
         what = f"{fact.message} {{{fact.id}}} was sent by '{fact.sender}', which is not connected"
-        world.broken(PRESENT, fact.id, what)
+        world.report(PRESENT, fact.id, what)
     item = MessageRecord(
         fact.id,
         fact.message,
@@ -44,7 +44,7 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
     if item.is_task:
         _plant(world, item, fact)
     elif fact.parent != ROOT or fact.constraints:
-        world.broken(PLAIN, item, f"is under {world.name(fact.parent)}, or constrained")
+        world.report(PLAIN, item, f"is under {world.name(fact.parent)}, or constrained")
     elif not item.message_class.fans_out:
         what = "was sent, but is neither in a handler nor in a queue"
         world.expect(lambda: item.is_begun or item.is_queued or item.is_over, SETTLED, item, what)
@@ -75,7 +75,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
     if parent is None and fact.parent != ROOT:
         item.is_orphan = True
         if fact.parent >= item.id:
-            world.broken(PARENT, item, f"is under {world.name(fact.parent)}, which is not older")
+            world.report(PARENT, item, f"is under {world.name(fact.parent)}, which is not older")
     if parent is not None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
@@ -105,7 +105,7 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
         if after is None:
             continue
         if after.reached & int(constraint.after.moment):
-            world.broken(
+            world.report(
                 CONSTRAINT, after, f"got constraint {constraint} on a moment that it had reached"
             )
         # The first task may be over, or from before the journal
@@ -132,7 +132,7 @@ def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -
         hold.is_over = True
         wrong = _too_soon(world, hold)
     if wrong:
-        world.broken(DELAY, after, f"got past a delay {wrong}: {constraint}")
+        world.report(DELAY, after, f"got past a delay {wrong}: {constraint}")
 
 
 def _too_soon(world: JournalWorld, hold: Hold) -> str:

@@ -19,7 +19,7 @@ from tca_wire.text.nearest import did_you_mean
 
 
 class CheckedRun:
-    """The check of one journal: pass every entry to ``take``, then call ``close``.
+    """The check of one journal: pass every entry to ``apply``, then call ``close``.
 
     Args:
         wanted: The properties to check beside the rules.
@@ -71,7 +71,7 @@ class CheckedRun:
                     f"at {entry.time:.2f} s there is a fact that this version does not know",
                 )
             else:
-                run.take(entry)
+                run.apply(entry)
             lost, unknown = losses.places, losses.facts
         run.skip(losses.places - lost)
         run.skip(int(journal.is_cut_short))
@@ -89,7 +89,7 @@ class CheckedRun:
         """Whether the whole run could be read; else an unbroken rule is not known to hold."""
         return not self.gaps
 
-    def take(self, entry: facts.Entry) -> None:
+    def apply(self, entry: facts.Entry) -> None:
         """Check the next entry. Several entries of one number are one event."""
         if self._is_shortened(entry):
             self.pass_over(entry, "")
@@ -105,7 +105,7 @@ class CheckedRun:
                 self._opened(fact, entry)
             elif type(fact) is facts.Closed:
                 if self.is_closed:
-                    self.world.broken(CLOCK, 0, "central closed the run a second time")
+                    self.world.report(CLOCK, 0, "central closed the run a second time")
                 self.is_closed = True
             else:
                 apply_fact(self.world, fact)
@@ -194,9 +194,9 @@ class CheckedRun:
         if entry.time < world.now or entry.number < world.event:
             before = f"entry {world.event} at {world.now:g} s"
             after = f"entry {entry.number} at {entry.time:g} s"
-            world.broken(CLOCK, 0, f"{after} comes after {before}")
+            world.report(CLOCK, 0, f"{after} comes after {before}")
         elif self.is_closed:
-            world.broken(CLOCK, 0, f"entry {entry.number} comes after central closed the run")
+            world.report(CLOCK, 0, f"entry {entry.number} comes after central closed the run")
 
     def _finish_event(self) -> None:
         if not self._is_open:

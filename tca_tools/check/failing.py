@@ -32,7 +32,7 @@ def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
 
 def _check_search_ended(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not task.is_killed:
-        world.broken(
+        world.report(
             CAUGHT,
             task,
             f"failed ({task.failure}), but that was neither caught nor declared unhandled",
@@ -44,7 +44,7 @@ def _pop_search(world: JournalWorld, task: MessageRecord, what: str) -> int:
     """End the oldest search of a task, and return it."""
     if not task.searches:
         if not task.is_incomplete:
-            world.broken(CAUGHT, task, f"{what}, but nothing failed")
+            world.report(CAUGHT, task, f"{what}, but nothing failed")
         return BESIDE
     return task.searches.pop(0)
 
@@ -59,9 +59,9 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
     if handler.role is not Role.EXCEPTION or handler.about != task.id:
-        world.broken(HANDLER, handler, f"was called for {task}, but was made for another task")
+        world.report(HANDLER, handler, f"was called for {task}, but was made for another task")
     for wrong in _call_errors(world, task, handler, fact):
-        world.broken(HANDLER, handler, wrong)
+        world.report(HANDLER, handler, wrong)
 
 
 def _call_errors(
@@ -127,7 +127,7 @@ def _check_undecided(
     if fact.undecided:
         if nearest is not None and nearest.id != fact.undecided:
             what = f"was left undecided by {world.name(fact.undecided)}, but {nearest} is nearer"
-            world.broken(CAUGHT, task, what)
+            world.report(CAUGHT, task, what)
         handler = world.item(fact.undecided, "was declared undecided")
         if handler is not None:
             what = f"was not killed, though it could not decide about the failure of {task}"
@@ -137,7 +137,7 @@ def _check_undecided(
             f"failed ({task.failure}), not by choice, but {nearest}, which could not decide, "
             "was not passed over"
         )
-        world.broken(CAUGHT, task, what)
+        world.report(CAUGHT, task, what)
     return bool(fact.undecided)
 
 
@@ -159,7 +159,7 @@ def resolved(world: JournalWorld, handler: MessageRecord, _: facts.Resolved) -> 
 
 def _check_is_handler(world: JournalWorld, handler: MessageRecord, what: str) -> None:
     if handler.role is not Role.EXCEPTION and not handler.is_incomplete:
-        world.broken(HANDLER, handler, f"{what} a failure, but is not an exception handler")
+        world.report(HANDLER, handler, f"{what} a failure, but is not an exception handler")
 
 
 def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
@@ -184,7 +184,7 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
         handler = failing.ended_handlers[0]
         what = f"neither recovered nor passed its failure on when {handler} had ended"
-        world.broken(RECOVERED, failing, what)
+        world.report(RECOVERED, failing, what)
     failing.ended_handlers.clear()
 
 
@@ -192,11 +192,11 @@ def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> N
     """Apply that a failure was dealt with; the task may have ended with its exception handler."""
     check_recovered(world, task)
     if not task.ended_handlers and not task.is_incomplete:
-        world.broken(RECOVERED, task, "recovered, but none of its exception handlers has ended")
+        world.report(RECOVERED, task, "recovered, but none of its exception handlers has ended")
     if handler := _pop_ended(task):
         if not (handler.has_resolved or handler.is_incomplete):
             what = f"recovered, but {handler} neither resolved its failure nor retried it"
-            world.broken(RESOLVED, task, what)
+            world.report(RESOLVED, task, what)
         if task.deciding == handler.id:
             task.deciding, task.returned = 0, True
     task.failure, task.is_resolved = "", True
@@ -206,7 +206,7 @@ def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolv
     """Apply that an exception handler ended without a decision: the failure is passed on."""
     if handler := _pop_ended(task):
         if handler.has_resolved:
-            world.broken(RESOLVED, task, f"passed its failure on, though {handler} has resolved it")
+            world.report(RESOLVED, task, f"passed its failure on, though {handler} has resolved it")
         search(world, task, int(fact.handler))
 
 
@@ -222,7 +222,7 @@ def attached(world: JournalWorld, fact: facts.Attached) -> None:
     declared = world.declared.get(fact.handler)
     if declared is not None and not declared.message_class.handles_failures:
         what = f"{declared.message_class} {fact.handler} was attached as exception handler"
-        world.broken(HANDLER, 0, what)
+        world.report(HANDLER, 0, what)
     world.attached[fact.id] = fact
 
 
@@ -233,7 +233,7 @@ def removed(world: JournalWorld, fact: facts.Removed) -> None:
         world.taps_before.get(tap.message, {}).pop(fact.id, None)
     elif world.attached.pop(fact.id, None) is None and world.is_whole:
         what = f"{{{fact.id}}} was removed, but is not an exception handler or wiretap"
-        world.broken(HANDLER, 0, what)
+        world.report(HANDLER, 0, what)
 
 
 # --- kills, suspension and retries ----------------------------------------------------------------
@@ -242,10 +242,10 @@ def removed(world: JournalWorld, fact: facts.Removed) -> None:
 def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
     """Apply the kill of a task."""
     if item.is_killed:
-        world.broken(KILLED, item, "was killed a second time")
+        world.report(KILLED, item, "was killed a second time")
     if any(after <= 0 for after in item.searches):
         what = f"failed ({item.failure}) and was killed, but neither caught nor declared unhandled"
-        world.broken(CAUGHT, item, what)
+        world.report(CAUGHT, item, what)
     item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
     item.never_began = STARTS & ~item.reached
     world.later.append(lambda: check_below(world, item))
@@ -263,10 +263,10 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
 def check_below(world: JournalWorld, item: MessageRecord) -> None:
     """Check the children of a killed task: only safety tasks and exception handlers survive."""
     if item.waits_at is not None:
-        world.broken(QUEUED, item, "was killed, but waits for a handler")
+        world.report(QUEUED, item, "was killed, but waits for a handler")
     for child in item.children.values():
         if not child.is_killed and not child.role.survives and not child.is_over:
-            world.broken(KILLED, child, f"was not killed with {item}, under which it is")
+            world.report(KILLED, child, f"was not killed with {item}, under which it is")
 
 
 def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrResumed) -> None:
@@ -279,7 +279,7 @@ def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrR
         below += one.children.values()
     if not is_new and not (item.is_killed or item.is_orphan):
         how = "suspended" if fact.is_suspended else "resumed"
-        world.broken(SUSPENDED, item, f"was {how} already")
+        world.report(SUSPENDED, item, f"was {how} already")
 
 
 def retried(world: JournalWorld, fact: facts.Retried) -> None:
@@ -290,7 +290,7 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
     if (item := world.task(fact.task, "was retried")) is None:
         return
     if item.is_killed:
-        world.broken(KILLED, item, "was retried after it was killed")
+        world.report(KILLED, item, "was retried after it was killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
     item.has_resolved = False
     item.attempts += item.is_begun
@@ -308,6 +308,6 @@ def _check_retried(world: JournalWorld, item: MessageRecord) -> None:
     """Check that all children of a retried task are killed, except foreign monitors."""
     for child in item.children.values():
         if item.again and not (child.is_killed or child.role or child.is_foreign_monitor):
-            world.broken(
+            world.report(
                 KILLED, child, f"was not killed when {item}, under which it is, was retried"
             )

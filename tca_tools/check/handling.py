@@ -21,13 +21,13 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
     if item is None:
         return
     if item.waits_at is not None and item.message not in world.rehandled:
-        world.broken(rules.QUEUED, item, f"was already queued for {place_in_words(item.waits_at)}")
+        world.report(rules.QUEUED, item, f"was already queued for {place_in_words(item.waits_at)}")
     _leave_queue(world, item)
     lives.handler_changed(world, item)
     place = item.waits_at = world.place(fact.module, fact.resource)
     place.waiting[item.given_as] = item
     if fact.module and world.is_whole and item.message not in world.handlers:
-        world.broken(
+        world.report(
             rules.HANDLES, item, f"was queued for {place_in_words(place)}, but no module handles it"
         )
 
@@ -47,7 +47,7 @@ def unqueued(world: JournalWorld, item: MessageRecord, _: facts.Unqueued) -> Non
     """Apply that a message leaves its queue without a delivery."""
     if item.waits_at is None:
         if item.place is None and not item.is_incomplete:
-            world.broken(rules.QUEUED, item, "left a queue, but was in none")
+            world.report(rules.QUEUED, item, "left a queue, but was in none")
         _leave_lost(world, item, "was returned to central")
         lives.handler_changed(world, item)
     _leave_queue(world, item)
@@ -74,7 +74,7 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
         if world.is_holding:
-            world.broken(rules.RESTARTED, item, "was given to a handler before central continued")
+            world.report(rules.RESTARTED, item, "was given to a handler before central continued")
         if item.reached & START_HANDLING and not (item.is_incomplete or item.is_killed):
             check_fired(world, item, START_HANDLING)
         what = "was given to a handler, but did not start"
@@ -84,9 +84,9 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
 def _check_may_start(world: JournalWorld, item: MessageRecord, what: str) -> None:
     """Check that a message may be queued or given to a handler."""
     if item.is_dropped and not item.is_begun and not item.message_class.keeps_value:
-        world.broken(rules.ANSWERED, item, f"{what}, though its sender gave up")
+        world.report(rules.ANSWERED, item, f"{what}, though its sender gave up")
     elif item.returned and not item.is_task:
-        world.broken(rules.RETURNED, item, f"{what}, but had been handled before")
+        world.report(rules.RETURNED, item, f"{what}, but had been handled before")
     if item.is_task and not item.is_incomplete:
         _check_task_may_start(world, item, what)
 
@@ -94,17 +94,17 @@ def _check_may_start(world: JournalWorld, item: MessageRecord, what: str) -> Non
 def _check_task_may_start(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_over or item.is_killed:
         how = "it had ended" if item.is_over else "it was killed"
-        world.broken(rules.KILLED, item, f"{what} after {how}")
+        world.report(rules.KILLED, item, f"{what} after {how}")
     if not item.reached & START_HANDLING:
         for rule, why in too_early(world, item, first_moments(item), item.reached):
-            world.broken(rule, item, f"{what} {why}")
+            world.report(rule, item, f"{what} {why}")
         return
     if item.is_suspended and not item.is_orphan:
-        world.broken(rules.SUSPENDED, item, f"{what} while it was suspended")
+        world.report(rules.SUSPENDED, item, f"{what} while it was suspended")
     if item.returned or item.deciding:
-        world.broken(rules.RETURNED, item, f"{what}, but had been handled before")
+        world.report(rules.RETURNED, item, f"{what}, but had been handled before")
     if missing := not_met(item, START_HANDLING):
-        world.broken(rules.TAPPED, item, f"{what} again before {missing}")
+        world.report(rules.TAPPED, item, f"{what} again before {missing}")
 
 
 def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
@@ -113,7 +113,7 @@ def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if place is None:
         return
     if place not in world.slots_lost and world.is_whole:
-        world.broken(rules.ONE_HANDLER, item, f"{what} while {place_in_words(place)} had it")
+        world.report(rules.ONE_HANDLER, item, f"{what} while {place_in_words(place)} had it")
     _close_run(world, item)
 
 
@@ -124,7 +124,7 @@ def _check_destination(world: JournalWorld, item: MessageRecord, place: Resource
         instead = ", which does not handle it"
         if handled_in:
             instead = f", which handles it in '{handled_in}'"
-        world.broken(rules.HANDLES, item, f"was given to {place_in_words(place)}{instead}")
+        world.report(rules.HANDLES, item, f"was given to {place_in_words(place)}{instead}")
     check_locks(world, item, place)
 
 
@@ -136,7 +136,7 @@ def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord)
         if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
             how = "reserved" if held_by.is_reserved else "locked"
             what = f"was given to {place_in_words(place)}, which {held_by.sender} has {how}"
-            world.broken(rules.LOCKED, item, what)
+            world.report(rules.LOCKED, item, what)
 
 
 def _close_run(world: JournalWorld, item: MessageRecord) -> None:
@@ -152,7 +152,7 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
     if item.place is None or item.given_as != fact.id:
         if not item.is_incomplete and (item.given_as == fact.id or world.is_whole):
             what = f"{world.name(fact.id)} was returned, but no handler had it"
-            world.broken(rules.RETURNED, item.id, what)
+            world.report(rules.RETURNED, item.id, what)
         return
     _close_run(world, item)
     if fact.outcome is Outcome.FAILED:
@@ -186,12 +186,12 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
         if item.place is not None:  # its module was lost, so its handler does not return
             _leave_lost(world, item, f"failed ({fact.failure})")
         elif item.is_task and not _may_fail(world, item, fact.failure):
-            world.broken(rules.CAUGHT, item, f"failed ({fact.failure}), but no handler had it")
+            world.report(rules.CAUGHT, item, f"failed ({fact.failure}), but no handler had it")
         item.must_fail = False
         _leave_queue(world, item)
     if not item.is_task:
         if item.returned:
-            world.broken(rules.RETURNED, item, "failed, but was already over")
+            world.report(rules.RETURNED, item, "failed, but was already over")
         item.failure = fact.failure
         _check_answered(world, item)
     elif item.is_over:
@@ -217,7 +217,7 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
     if item is None:
         return
     if item.is_task:
-        world.broken(rules.KILLED, item, "was dropped, but a task must be killed instead")
+        world.report(rules.KILLED, item, "was dropped, but a task must be killed instead")
     _check_open(world, item, "was dropped")
     item.is_dropped = True
     _leave_queue(world, item)
@@ -233,11 +233,11 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
 def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> None:
     """Apply that the sender of a query got its answer."""
     if item.is_answered:
-        world.broken(rules.ANSWERED, item, "was answered a second time")
+        world.report(rules.ANSWERED, item, "was answered a second time")
     if item.is_dropped:
-        world.broken(rules.ANSWERED, item, "was answered, though its sender had given up")
+        world.report(rules.ANSWERED, item, "was answered, though its sender had given up")
     if item.message_class.asks_one and not item.returned and not item.is_incomplete:
-        world.broken(rules.ANSWERED, item, "was answered before it was handled")
+        world.report(rules.ANSWERED, item, "was answered before it was handled")
     item.is_answered = True
     world.finish(item)
 
@@ -250,7 +250,7 @@ def awaited(world: JournalWorld, item: MessageRecord, _: facts.Awaited) -> None:
 def _check_open(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_answered or item.is_dropped:
         what = f"{what} after its sender had received an answer or given up"
-        world.broken(rules.ANSWERED, item, what)
+        world.report(rules.ANSWERED, item, what)
 
 
 def _check_answered(world: JournalWorld, item: MessageRecord) -> None:
@@ -276,7 +276,7 @@ def check_places(world: JournalWorld) -> None:
             _check_capacity(world, place, place.capacity)
         for item in list(place.waiting.values()) if world.rehandled and not place.module else ():
             if world.handlers.get(item.message):
-                world.broken(rules.FREE, item, "waits for a handler, though there is one")
+                world.report(rules.FREE, item, "waits for a handler, though there is one")
 
 
 def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -> None:
@@ -284,7 +284,7 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
     if taken > max(capacity, 0):
         where = place_in_words(place)
         what = f"is one too many: {where} handles {capacity} at a time, but has {taken}"
-        world.broken(rules.CAPACITY, next(reversed(place.runs.values())), what)
+        world.report(rules.CAPACITY, next(reversed(place.runs.values())), what)
     if not world.is_whole or not capacity or claims.held_by is not None:
         return
     if claims.waiting:
@@ -294,7 +294,7 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
         if not is_busy:
             claim = next(iter(claims.waiting.values()))
             what = f"{claim_in_words(claim)} is not granted, though the resource is empty"
-            world.broken(rules.FREE, claim.origin, what)
+            world.report(rules.FREE, claim.origin, what)
     elif (
         place.waiting
         and not world.is_holding
@@ -303,4 +303,4 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
     ):
         where = place_in_words(place)
         what = f"waits for {where}, which handles {capacity} at a time and has {taken}"
-        world.broken(rules.FREE, next(iter(place.waiting.values())), what)
+        world.report(rules.FREE, next(iter(place.waiting.values())), what)

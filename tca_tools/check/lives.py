@@ -19,7 +19,7 @@ def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
     try:
         world.cycles[fact.message] = read_life_cycle(fact.life_cycle)
     except BadFormat as error:
-        world.broken(LIFE, 0, f"{fact.message} was declared, but {error}")
+        world.report(LIFE, 0, f"{fact.message} was declared, but {error}")
 
 
 def sent(world: JournalWorld, task: MessageRecord) -> None:
@@ -67,7 +67,7 @@ def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) 
     cycle = _cycle(world, task)
     step = _step(cycle, task, fact)
     for wrong in _transition_errors(cycle, task, fact, step):
-        world.broken(LIFE, task, wrong)
+        world.report(LIFE, task, wrong)
     _follow(task, fact, step)
 
 

@@ -18,7 +18,7 @@ def check_status(world: JournalWorld, item: MessageRecord, fact: facts.Returned)
     if fact.outcome is Outcome.DONE and not item.is_killed and _is_of_mission(world, item):
         status = _status(fact.body)
         if status != _COMPLETED:
-            world.broken(MISSION, item, f"has status {status}, but counts as done")
+            world.report(MISSION, item, f"has status {status}, but counts as done")
 
 
 def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
@@ -27,7 +27,7 @@ def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
     is_mission = handler is not None and handler.message.startswith("mission ")
     if is_mission and _is_of_mission(world, task):
         what = f"failed ({task.failure}), but counts as done, since {handler} dealt with that"
-        world.broken(MISSION, task, what)
+        world.report(MISSION, task, what)
 
 
 def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:

@@ -31,11 +31,11 @@ def reached(world: JournalWorld, fact: facts.Reached) -> None:
     if item is None:
         return
     if twice := item.reached & moments:
-        world.broken(rules.ONCE, item, f"{_REACHED[twice]} a second time")
+        world.report(rules.ONCE, item, f"{_REACHED[twice]} a second time")
         moments &= ~twice
     before, item.reached = item.reached, item.reached | moments
     for rule, why in too_early(world, item, moments, before):
-        world.broken(rule, item, f"{_REACHED[moments]} {why}")
+        world.report(rule, item, f"{_REACHED[moments]} {why}")
     if not (item.is_incomplete or item.is_killed):
         check_fired(world, item, moments)
         if moments & START_HANDLING:
@@ -107,7 +107,7 @@ def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
             what = (
                 f"'{fact.module}' ended a wait for {world.name(fact.task)} that it had not started"
             )
-            world.broken(rules.WAITS, fact.task, what)
+            world.report(rules.WAITS, fact.task, what)
         return
     past = next((moment for moment in waits if item is None or item.reached & moment), 0)
     if not past and len(set(waits)) > 1:  # the fact does not say which one was given up
@@ -125,7 +125,7 @@ def check_waits(world: JournalWorld, item: MessageRecord) -> None:
         for moment in world.waits.get(key, ()):
             if item.reached & moment:
                 what = f"'{key[0]}' still waits for {in_words(moment)} of {item}, which is past"
-                world.broken(rules.WAITS, item.id, what)
+                world.report(rules.WAITS, item.id, what)
 
 
 # --- every task reaches all moments that it can with the same event -------------------------------
@@ -137,13 +137,13 @@ def check_settled(world: JournalWorld) -> None:
         if item.is_over:
             for claim in item.claims.values():
                 what = f"has ended, but {claim_in_words(claim)}, which was made for it, has not"
-                world.broken(rules.GRANTED, item, what)
+                world.report(rules.GRANTED, item, what)
         elif item.is_task and not item.is_incomplete:
             for moments in next_moments(item):
                 if not too_early(world, item, moments, item.reached):
                     what = (
                         f"nothing keeps {item} from {in_words(moments)}, but it did not reach that"
                     )
-                    world.broken(rules.SETTLED, item.id, what)
+                    world.report(rules.SETTLED, item.id, what)
             if item.watchers:
                 check_watchers(world, item)

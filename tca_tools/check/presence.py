@@ -13,7 +13,7 @@ def restarted(world: JournalWorld, fact: facts.CentralRestarted) -> None:
     world.is_holding = True
 
 
-def went_on(world: JournalWorld, fact: facts.WentOn) -> None:
+def continued(world: JournalWorld, fact: facts.WentOn) -> None:
     """Apply that central continues: tasks that it held back may start."""
     del fact
     world.is_holding = False
@@ -23,7 +23,7 @@ def went_on(world: JournalWorld, fact: facts.WentOn) -> None:
 def joined(world: JournalWorld, fact: facts.ModuleJoined) -> None:
     """Apply that a module joins."""
     if fact.module in world.joined:
-        world.broken(PRESENT, 0, f"module '{fact.module}' joined, but was already connected")
+        world.report(PRESENT, 0, f"module '{fact.module}' joined, but was already connected")
     world.joined[fact.module] = None
 
 
@@ -33,12 +33,12 @@ def left(world: JournalWorld, fact: facts.ModuleLeft) -> None:
     world.joined.pop(fact.module, None)
     for message, handlers in world.handlers.items():
         if fact.module in handlers:
-            world.broken(PRESENT, 0, f"module '{fact.module}' left, but still handles {message}")
+            world.report(PRESENT, 0, f"module '{fact.module}' left, but still handles {message}")
     for place in world.places.values():
         if place.module == fact.module:
             if place.capacity:
                 what = f"left, but {place_in_words(place)} still has capacity {place.capacity}"
-                world.broken(PRESENT, 0, f"module '{fact.module}' {what}")
+                world.report(PRESENT, 0, f"module '{fact.module}' {what}")
             place.capacity = 0 if place.capacity is not None else None
             world.places_touched[place] = None
             world.slots_lost.add(place)
@@ -53,7 +53,7 @@ def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
         before = 0
     if before is not None and abs(fact.capacity - before) != 1:
         what = f"has capacity {fact.capacity}, but had {before} before"
-        world.broken(CAPACITY, 0, f"{place_in_words(place)} {what}")
+        world.report(CAPACITY, 0, f"{place_in_words(place)} {what}")
     if before is None or fact.capacity < before:
         world.slots_lost.add(place)
     place.capacity = fact.capacity
@@ -77,7 +77,7 @@ def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
     _check_connected(world, fact.module, f"handles {fact.message}")
     handlers = world.handlers.setdefault(fact.message, {})
     if fact.module in handlers:
-        world.broken(HANDLES, 0, f"module '{fact.module}' already handles {fact.message}")
+        world.report(HANDLES, 0, f"module '{fact.module}' already handles {fact.message}")
     handlers[fact.module] = fact.resource
     (world.accepting.add if fact.accepts else world.accepting.discard)((fact.message, fact.module))
     _handlers_changed(world, fact.message)
@@ -88,7 +88,7 @@ def handler_removed(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
     handlers = world.handlers.get(fact.message, {})
     if handlers.pop(fact.module, None) is None and world.is_whole:
         what = f"module '{fact.module}' stopped handling {fact.message}, but did not handle it"
-        world.broken(HANDLES, 0, what)
+        world.report(HANDLES, 0, what)
     if not handlers:
         world.handlers.pop(fact.message, None)
     _handlers_changed(world, fact.message)
@@ -102,7 +102,7 @@ def _handlers_changed(world: JournalWorld, message: str) -> None:
 
 def _check_connected(world: JournalWorld, module: str, what: str) -> None:
     if world.is_whole and module not in world.joined:
-        world.broken(PRESENT, 0, f"module '{module}' {what}, but is not connected")
+        world.report(PRESENT, 0, f"module '{module}' {what}, but is not connected")
 
 
 # --- locks and reservations -----------------------------------------------------------------------
@@ -127,7 +127,7 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
     place = world.place(claim.module, claim.resource)
     if (other := place.claims.held_by) is not None:
         what = "twice" if other is claim else f"while {other.sender} had it ({{{other.id}}})"
-        world.broken(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
+        world.report(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
     for one in place.claims.places:
         for item in one.runs.values():
             if not _is_own(claim, one, item):  # its handler must be lost with this event
@@ -163,7 +163,7 @@ def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
 
 def _unknown(world: JournalWorld, claim: int, what: str) -> None:
     if world.must_know(claim):
-        world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, but does not exist")
+        world.report(GRANTED, 0, f"claim {{{claim}}} was {what}, but does not exist")
 
 
 def claim_in_words(claim: facts.Claimed) -> str:

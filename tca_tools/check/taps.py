@@ -39,7 +39,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     world.late_taps.discard(fact.tap)
     if tap is None:
         if world.is_whole:
-            world.broken(
+            world.report(
                 TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, but does not exist"
             )
         elif tapped is not None:
@@ -51,7 +51,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     if listener is None:
         return
     if listener.tap:
-        world.broken(TAPPED, listener, "was sent by a wiretap twice")
+        world.report(TAPPED, listener, "was sent by a wiretap twice")
     listener.tap = tap.id
     if (
         listener.role is not Role.LISTENER
@@ -59,7 +59,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
         or listener.message != tap.listener
     ):
         what = f"was sent for {world.name(fact.tapped)}, but the listener is {tap.listener}"
-        world.broken(TAPPED, listener, what)
+        world.report(TAPPED, listener, what)
     rule = CONDITIONS[tap.condition]
     if tapped is not None and tapped.is_task and listener.is_task and rule.holds_until:
         _hold(tapped, listener, rule.before, rule.holds_until)
@@ -74,7 +74,7 @@ def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, liste
     tapped.passed[tap.id] = listener or world.is_listener_refused
     if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
         whose = world.name(tap.task) if tap.task else tap.message
-        world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
+        world.report(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
 
 
 def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int) -> None:
@@ -101,10 +101,10 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
         if tap.id not in item.passed:
-            world.broken(TAPPED, item, f"continued, but {which} was not fired")
+            world.report(TAPPED, item, f"continued, but {which} was not fired")
         elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
             what = f"continued, but {which} was passed over, though its listener has a handler"
-            world.broken(TAPPED, item, what)
+            world.report(TAPPED, item, what)
 
 
 # --- monitors -------------------------------------------------------------------------------------
@@ -119,7 +119,7 @@ def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None
     if item is None or item.is_incomplete:
         return None
     if not item.message_class.is_monitor:
-        world.broken(MONITOR, item, f"{what}, but is not a monitor")
+        world.report(MONITOR, item, f"{what}, but is not a monitor")
         return None
     return item
 
@@ -142,17 +142,17 @@ def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
         return
     for child in item.children.values():
         if not (child.returned or child.again or child.is_killed or child.is_incomplete):
-            world.broken(KEPT, child, f"still watches, though {item} waits for nothing else")
+            world.report(KEPT, child, f"still watches, though {item} waits for nothing else")
 
 
 def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> None:
     """Apply the test of a monitor's condition."""
     if not item.reached & START_HANDLING:
-        world.broken(MONITOR, item, "was tested before it started to watch")
+        world.report(MONITOR, item, "was tested before it started to watch")
     if item.returned and not item.again:
-        world.broken(MONITOR, item, "was tested after it had stopped watching")
+        world.report(MONITOR, item, "was tested after it had stopped watching")
     if not item.untested:
-        world.broken(MONITOR, item, "was tested, but its condition was not answered")
+        world.report(MONITOR, item, "was tested, but its condition was not answered")
     item.untested = 0
 
 
@@ -169,12 +169,12 @@ def answered(world: JournalWorld, condition: MessageRecord) -> None:
 
 def _check_tested(world: JournalWorld, item: MessageRecord) -> None:
     if item.untested and not (item.again or item.is_killed):
-        world.broken(MONITOR, item, "was not tested, though its condition was answered")
+        world.report(MONITOR, item, "was not tested, though its condition was answered")
     item.untested = 0
 
 
 def monitor_ended(world: JournalWorld, item: MessageRecord, _: facts.MonitorEnded) -> None:
     """Apply the end of a monitor, also of one that has not started."""
     if item.returned and not (item.again or item.is_killed):
-        world.broken(MONITOR, item, "ended a second time")
+        world.report(MONITOR, item, "ended a second time")
     item.again, item.returned, item.asked = False, True, 0

@@ -121,7 +121,7 @@ class JournalWorld:
 
     # --- for the rules ----------------------------------------------------------------------------
 
-    def broken(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
+    def report(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
         """Record that a rule is broken.
 
         Args:
@@ -142,7 +142,7 @@ class JournalWorld:
 
         def check() -> None:
             if not is_so():
-                self.broken(rule, about, what)
+                self.report(rule, about, what)
 
         self.later.append(check)
 
@@ -183,7 +183,7 @@ class JournalWorld:
         if number <= self.newest:
             again = number in self.items or number in self.over
             why = "was received before" if again else f"came after {self.name(self.newest)}"
-            self.broken(NUMBERS, number, f"{what} {{{number}}} {why}")
+            self.report(NUMBERS, number, f"{what} {{{number}}} {why}")
         self.record_number(number)
 
     def record_number(self, number: int) -> None:
@@ -221,19 +221,19 @@ class JournalWorld:
             self.touched[item] = None
             return item
         if number in self.over:
-            self.broken(ENDED, number, f"{self.name(number)} {what}, though it is over")
+            self.report(ENDED, number, f"{self.name(number)} {what}, though it is over")
         elif self.must_know(number) and number not in self.unknown_deliveries:
-            self.broken(KNOWN, number, f"message {{{number}}} {what}, but was never sent")
+            self.report(KNOWN, number, f"message {{{number}}} {what}, but was never sent")
         return None
 
     def task(self, number: int, what: str) -> MessageRecord | None:
         """Return the open task with a number, to which *what* happens; else None, as ``item``."""
         item = self.item(number, what)
         if item is not None and not item.is_task:
-            self.broken(KNOWN, item, f"{what}, but is a {item.message_class}, not a task")
+            self.report(KNOWN, item, f"{what}, but is a {item.message_class}, not a task")
             return None
         if item is not None and item.is_over:
-            self.broken(ENDED, item, f"{what} after its end")
+            self.report(ENDED, item, f"{what} after its end")
             return None
         return item
 
@@ -265,7 +265,7 @@ class JournalWorld:
         if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
             what = f"{name} {what} as {{{fact.id}}}, though it is over or has another number"
-            self.broken(ENDED, fact.message_id, what)
+            self.report(ENDED, fact.message_id, what)
             return None
         living = original if isinstance(original, MessageRecord) else None
         copy = MessageRecord(

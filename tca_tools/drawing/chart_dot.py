@@ -19,9 +19,11 @@ from tca_wire.text.printable import printable
 
 INK, FAINT = "#1f2933", "#52606d"
 _LOOKS = f"""\
-  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", labelloc=t, labeljust=l,
+  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", \
+labelloc=t, labeljust=l,
     bgcolor=white, pad=0.3, nodesep=0.4, ranksep=0.4, compound=true];
-  node [shape=box, style="rounded,filled", fillcolor=white, fontname="Helvetica,Arial,sans-serif", fontsize=12,
+  node [shape=box, style="rounded,filled", fillcolor=white, \
+fontname="Helvetica,Arial,sans-serif", fontsize=12,
     fontcolor="{INK}", color="{INK}", penwidth=1, margin="0.12,0.06", height=0.3];
   edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, penwidth=1, arrowsize=0.7,
     fontcolor="{INK}", color="{INK}"];

@@ -29,7 +29,7 @@ class Holders(NamedTuple):
     claim: Claim | None = None
     """The lock or reservation in force, or the first pending one."""
 
-    def are(self, others: "Holders") -> bool:
+    def is_same_as(self, others: "Holders") -> bool:
         """Whether the holders are the same."""
         runs = [id(one) for one in self.runs]
         return self.claim is others.claim and runs == [id(one) for one in others.runs]
@@ -182,7 +182,7 @@ def _parts(
         if after - stop < _NO_TIME and (found or after < end):
             continue
         by = holders(RunAt(run, stop))
-        if not found or not by.are(found[-1][1]):
+        if not found or not by.is_same_as(found[-1][1]):
             found.append((stop if found else start, by))
     ends = [*(since for since, _ in found[1:]), end]
     return [(since, until, by) for (since, by), until in zip(found, ends, strict=True)]

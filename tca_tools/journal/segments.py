@@ -141,7 +141,7 @@ class Folder:
             another = f"{self.path}#{number - 1 or 2}"
             remarks.append(
                 f"{self.path}: contains {len(runs)} runs; this is the one that started last "
-                f"({_names(shown)}): to see another, name it, as in '{another}'; "
+                f"({_names(shown)}); to see another, name it, as in '{another}': "
                 f"'tca log runs {self.path}' lists them"
             )
         if copies:

@@ -268,7 +268,7 @@ def _checked(predicate: Any) -> Predicate:
         return predicate_from(predicate)
     if not callable(predicate):
         raise BadProperty(
-            f"{predicate!r:.60} is not a predicate: use begun(MESSAGE), ... or a function of a world"
+            f"{predicate!r:.60} is not a predicate: use begun(MESSAGE), ... or a function"
         )
     return predicate  # type: ignore[no-any-return]
 

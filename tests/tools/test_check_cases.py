@@ -104,17 +104,17 @@ def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -
     )
     result = run(journal, file)
     assert result.exit_code == 0
-    assert "cases of it: it judges 100 or more" in result.stdout
+    assert "cases of it, and it needs 100" in result.stdout
 
 
 @pytest.mark.parametrize("fewest", [0, True, 2.5])
 def test_the_fewest_cases_are_one(fewest: object) -> None:
-    with pytest.raises(BadProperty, match="give 1 or more"):
+    with pytest.raises(BadProperty, match="fewest must be 1 or more"):
         in_at_least(0.9, lambda _run: [], fewest=fewest)  # type: ignore[arg-type]
 
 
 def test_cases_come_from_a_function() -> None:
-    with pytest.raises(BadProperty, match="give a function of the run"):
+    with pytest.raises(BadProperty, match="cases must be a function of the run"):
         in_all_cases("step begun")  # type: ignore[arg-type]
 
 

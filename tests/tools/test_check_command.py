@@ -167,7 +167,7 @@ def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path)
     journal = story.write(tmp_path / "run")
     missing = run(journal, "--property", "eventually flambé achieved").stdout
     assert (
-        "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}"
+        "  it never did; not ended when the journal ends: flambé {2}\n  the story of flambé {2}"
         in missing
     )
     assert "no module handles it, " in missing
@@ -276,7 +276,7 @@ def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_pat
     [
         ("x = 1", "has no property"),
         ("1 / 0", "line 1: can't be run: ZeroDivisionError"),
-        ("PROPERTIES = ['never']", "property 'never': it has no shape"),
+        ("PROPERTIES = ['never']", "property 'never': unknown form"),
     ],
 )
 def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: str) -> None:
@@ -373,7 +373,7 @@ def test_the_story_is_that_of_a_message_that_is_named(
     run_of_ten = story.write(tmp_path / "run")
     first = run(run_of_ten, "--property", "never stuck").stdout
     assert (
-        "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n"
+        "not ended when the journal ends: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n"
         in first
     )
     assert "  the story of bake {1} until then:" in first
@@ -428,7 +428,7 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     )
     result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
     assert result.exit_code == 0, result.output
-    assert "  missing: 1 segment before segment 2; what was sent before" in result.stdout
+    assert "  missing: 1 segment before segment 2; messages sent before" in result.stdout
     assert "no breach in the readable part: " in result.stdout
 
 

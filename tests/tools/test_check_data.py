@@ -237,7 +237,7 @@ def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
     result = run(path, "--property", "step begun before move begun", "--property", "never stuck")
     assert "BROKEN" not in result.stdout
     assert result.exit_code == 1
-    assert result.stdout.count("something happened that this version does not know") == 1
+    assert result.stdout.count("there is a fact that this version does not know") == 1
     assert "no breach in the readable part: step begun before move begun" in result.stdout
     assert "a fact that this version does not know is left out" in result.stderr
 
@@ -257,5 +257,5 @@ def test_many_places_that_cant_be_read_are_counted(tmp_path: Path) -> None:
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))
     told = run(path).stdout
     assert told.count("can't be read: the messages under way then are unknown") == 5
-    assert "more places like these" in told
+    assert "more gaps" in told
     assert "BROKEN" not in told

@@ -71,7 +71,7 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
         "legs is locked while others wait",
         False,
     )
-    assert "map had it" in told[Topic.LOCK].example
+    assert "map held it" in told[Topic.LOCK].example
     assert told[Topic.LOCK].saving > 30
     assert Topic.OVERLAP not in told, "behind a lock nothing is planned"
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
@@ -223,7 +223,7 @@ def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
     assert queue.length == pytest.approx(75, abs=3)
     (told,) = advice(run, Causes(run), None, [], [], [], 0.5)
     assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
-    assert "2.01 a second come, 1.25 are handled" in told.text
+    assert "2.01 arrive per second, 1.25 are handled" in told.text
     assert "let it handle 2 at a time instead of 1" in told.remedy
     assert contents(run).advice[0].title == told.title
 

@@ -170,7 +170,7 @@ def test_an_entry_that_is_just_being_written_is_no_cut(
         daemon.process.wait(timeout=10)
         log.check()
         assert not log.is_being_written
-        assert "cut off, the last" in capsys.readouterr().err
+        assert "cut off: the last" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("behind", [b"\xce and then garbage", b"\xce", bytes(100), None])
@@ -389,7 +389,7 @@ def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
         f"tca: {two}: contains 2 runs; this is the one that started last (00000002.tcaj);"
-        f" to see another, name it, as in '{two}#1'; 'tca log runs {two}' lists them\n"
+        f" to see another, name it, as in '{two}#1': 'tca log runs {two}' lists them\n"
     )
     assert alone.stderr == ""
 
@@ -510,7 +510,7 @@ def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> Non
     cut = tmp_path / "cut.tcaj"
     cut.write_bytes(b"".join(map(record, walk()))[:-5])
     told = tca("report", cut, "-o", tmp_path / "out.html")
-    assert (told.exit_code, told.stderr.count("cut off, the last")) == (0, 1)
+    assert (told.exit_code, told.stderr.count("cut off: the last")) == (0, 1)
 
 
 @pytest.fixture
@@ -532,7 +532,7 @@ def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
         f"tca: {path}, byte {place}: another run starts here; only the entries before it are"
-        f" to see the rest, take it out of the file ('tail -c +{place + 1}')\n"
+        f" shown: to see the rest, extract it with 'tail -c +{place + 1}'\n"
     )
     assert alone.stderr == ""
 
@@ -553,7 +553,7 @@ def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_lon
     assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(
         walking().entries
     )
-    assert "another run begins here" in said(log, capsys)[0]
+    assert "another run starts here" in said(log, capsys)[0]
 
 
 def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
