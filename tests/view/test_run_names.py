@@ -149,5 +149,5 @@ def test_a_run_whose_folder_was_replaced_is_there_no_more(journals: Path) -> Non
         (after,) = runs.all()
         assert runs.show(after.address) is not None
     assert after.epoch == "another"
-    with pytest.raises(UnusableLog, match="there any more"):
+    with pytest.raises(UnusableLog, match="no longer there"):
         open_log(folder, before.epoch)
