@@ -216,7 +216,7 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
     )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
     told = tca("tree", log, "--story", restoring).stdout
-    assert "undoes what was wasted ahead of the state 'free'" in told
+    assert "undoes wasted work ahead of the state 'free'" in told
 
 
 def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> None:
