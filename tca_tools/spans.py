@@ -59,7 +59,7 @@ class Lanes:
         self._free: list[int] = []
         """The free lanes; a heap."""
 
-    def take(self, start: float) -> int:
+    def assign(self, start: float) -> int:
         """Return a lane for a span that starts at a time."""
         while self._busy and self._busy[0][0] <= start:
             heapq.heappush(self._free, heapq.heappop(self._busy)[1])
@@ -74,7 +74,7 @@ class Lanes:
         self._ends.append(inf)
         return len(self._ends) - 1
 
-    def leave(self, lane: int, end: float) -> None:
+    def release(self, lane: int, end: float) -> None:
         """Set the end of the last span in a lane."""
         self._ends[lane] = end
         heapq.heappush(self._busy, (end, lane))
@@ -84,8 +84,8 @@ def lanes(spans: Iterable[Span]) -> Iterator[int]:
     """Yield the lane of each span; the spans are sorted by their starts."""
     found = Lanes()
     for start, end in spans:
-        lane = found.take(start)
-        found.leave(lane, end)
+        lane = found.assign(start)
+        found.release(lane, end)
         yield lane
 
 

@@ -155,7 +155,7 @@ class Attacked:
 
     def become_another(self) -> None:
         """Continue as another central, restored from an image of this one."""
-        if may_be_taken(self.central):
+        if can_encode(self.central):
             self.central = decode(encode(self.central))
             self._lines = LogLines(_SILENT, self.central)
 

@@ -48,7 +48,7 @@ def wait_in_words(run: Run, step: PathStep) -> str:
     return f"{who} waited {handler_wait_in_words(run, step.resumed)}"
 
 
-def why_then(run: Run, step: PathStep) -> str:
+def why_not_sooner(run: Run, step: PathStep) -> str:
     """Return why a step did not start sooner, or why it is a standstill; "" if that is unknown."""
     message = run.messages.get(step.message_id)
     if message and step.doing in _STANDING and (why := _why_standing(run, message, step)):

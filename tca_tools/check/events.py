@@ -11,7 +11,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.takers import takers
 
 
-def take_event(world: JournalWorld, entry: facts.Entry) -> None:
+def check_event(world: JournalWorld, entry: facts.Entry) -> None:
     """Check a whole event."""
     world.begin(entry)
     for fact in entry.facts:

@@ -69,7 +69,7 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     _leave_queue(world, item)
     _check_destination(world, item, place)
     is_nested = item.message_class.has_reply and item.sender == place.module
-    (place.nested if is_nested else place.runs)[item.given_as] = item
+    (place.nested if is_nested else place.runs)[item.handling_id] = item
     lives.handler_changed(world, item, place.module)
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
@@ -149,8 +149,8 @@ def _close_run(world: JournalWorld, item: MessageRecord) -> None:
 
 def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
     """A handler returns."""
-    if item.place is None or item.given_as != fact.id:
-        if not item.is_incomplete and (item.given_as == fact.id or world.is_whole):
+    if item.place is None or item.handling_id != fact.id:
+        if not item.is_incomplete and (item.handling_id == fact.id or world.is_whole):
             what = f"{world.name(fact.id)} was returned, but no handler had it"
             world.report(rules.RETURNED, item.id, what)
         return

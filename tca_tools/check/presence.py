@@ -143,7 +143,9 @@ def _expect_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
 
 def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
     """Whether a run is the requesting handler, or the only run of the requesting module."""
-    return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
+    return item.handling_id == claim.origin or (
+        claim.sender == place.module and len(place.runs) == 1
+    )
 
 
 def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:

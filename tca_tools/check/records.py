@@ -75,7 +75,7 @@ class MessageRecord(MessageView):
     about: int = 0
     original: "MessageRecord | None" = None  #: the message of a copy
     copies: int = 0  #: the number of its copies under way
-    given_as: int = field(init=False)  #: its newest delivery
+    handling_id: int = field(init=False)  #: its newest delivery
     is_task: bool = field(init=False)
     is_goal: bool = field(init=False)
 

@@ -368,7 +368,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
 
 def _states(run: Run, task: Task, moment: float) -> Sentences:
     """Yield the states that other sentences do not describe, with their causes."""
-    waits, at = told_waits(run, task, together=True), RunAt(run, moment)
+    waits, at = waits_for_display(run, task, together=True), RunAt(run, moment)
     starts = [one.start for one in waits]
     state = TaskState.HELD
     for start, end, following in task.spans():

@@ -230,10 +230,10 @@ def _called(claim: Claim) -> str:
 
 def reasons(at: RunAt, task: TaskAt) -> list[str]:
     """Return why a task waits, to follow ``how``: ``["until take steps {2} is achieved"]``."""
-    return clauses(told_now(at, task, shown(at, task)))
+    return clauses(named_waits_now(at, task, shown(at, task)))
 
 
-def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
+def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
     """Return the current waits of a task with names."""
     return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
 

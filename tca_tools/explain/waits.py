@@ -2,7 +2,7 @@
 
 - ``waits_of(run, number)``: all waits of a task or message. Each wait has one cause and one span.
   Waits may overlap, so the lists are linear in the journal.
-- ``told_waits(run, task)``: the same for display, divided by the states of the task.
+- ``waits_for_display(run, task)``: the same for display, divided by the states of the task.
 
 graph.py has the waits at a moment; wait_words.py puts waits into words.
 """
@@ -302,7 +302,7 @@ def blocking_tasks(
     rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
-        ends_with_siblings = child.message_class.is_aside and not child.is_waited_for
+        ends_with_siblings = child.message_class.is_outside_sequence and not child.is_waited_for
         if moment != END_ACHIEVING or not ends_with_siblings:
             found.append(child)
             continue
@@ -472,7 +472,7 @@ def _before_restart(
 # --- waits for display ----------------------------------------------------------------------------
 
 
-def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
+def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
     """Return the waits of a task for its next moment in each of its states, oldest first.
 
     Args:

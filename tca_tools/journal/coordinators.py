@@ -86,7 +86,8 @@ class CoordinatorRecord:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
             if report is not None:
                 self._late.update(
-                    why_not_early(self.chart, one) for one in came_late(self._last_report, report)
+                    why_not_early(self.chart, one)
+                    for one in late_objections(self._last_report, report)
                 )
                 self._last_report = report
             outcomes = set[tuple[int, bool]]()

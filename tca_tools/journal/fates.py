@@ -93,28 +93,30 @@ def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
     """
     if isinstance(failed, Task):
         return _fate_of_task(run, failed, time, known)
-    if not is_told(run, failed, time):
+    if not is_reported(run, failed, time):
         return Fate.UNTOLD
     if failed.by is None and _monitor(run, failed) is None:
         return Fate.TOLD
     return Fate.COPED if run_continued(run, failed, time, known) else Fate.ANSWERED
 
 
-def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
+def run_continued(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     """Whether the run continued, or still may, after a failure at *time*, as known at a moment."""
     *_, (last, when) = _failure_chain(run, failed, time, known)
     if isinstance(last, Task):
         has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
         return has_failed and _fate_of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
-    return is_told(run, last, when)
+    return is_reported(run, last, when)
 
 
-def is_told(run: Run, failed: Failing, time: float) -> bool:
+def is_reported(run: Run, failed: Failing, time: float) -> bool:
     """Whether the failure of a query at *time* was reported to its asker."""
     return _has_asker(run, failed) and not _why_unreported(run, failed, time)
 
 
-def coped_with(run: Run, message: Message, moment: float = inf, known: float | None = None) -> bool:
+def has_run_survived(
+    run: Run, message: Message, moment: float = inf, known: float | None = None
+) -> bool:
     """Whether a message had failed at *moment* and the run continued, as known then or later.
 
     Args:
@@ -163,9 +165,9 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
                 yield max(start, since), min(end, over)
 
 
-def has_coped(run: Run, handling: Handling) -> bool:
+def run_continued_after(run: Run, handling: Handling) -> bool:
     """Whether the run continued after a handler failed."""
-    return handling.end is not None and went_on(run, failing(run, handling), handling.end)
+    return handling.end is not None and run_continued(run, failing(run, handling), handling.end)
 
 
 def failing(run: Run, handling: Handling) -> Failing:
@@ -173,7 +175,7 @@ def failing(run: Run, handling: Handling) -> Failing:
     return run.messages.get(handling.message_id) or handling
 
 
-def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
+def undecided_by(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     """Return the tasks and handlers that will decide whether the run continues; [] if decided."""
     *_, (last, when) = _failure_chain(run, failed, time)
     if not isinstance(last, Task):
@@ -187,7 +189,7 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     return [last, top]
 
 
-def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
+def retried_ancestor(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
     """Return the ancestor whose retry killed a failed task; None if none did.
 
     Args:
@@ -209,7 +211,7 @@ def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> T
     return None
 
 
-def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
+def describe_asker(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     """Describe to which asker a failed query was reported, and its outcome; or why it was not."""
     if not _has_asker(run, failed):
         return ""
@@ -224,7 +226,7 @@ def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     if failed.by.end is None or failed.by.end > known:
         how = "still runs"
     elif failed.by.outcome is Outcome.FAILED:
-        is_handled = went_on(run, failed, time, known)
+        is_handled = run_continued(run, failed, time, known)
         how = "then failed, which was handled" if is_handled else "then failed"
     return f"reported to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
 
@@ -324,7 +326,7 @@ def _fate_of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate
         # A task that survives its ancestor's kill continues after a failure that was not handled
         if time not in run.unhandled.get(task.id, ()):
             return Fate.DEALT_WITH
-    if begun_again_with(run, task, time, known) is not None:
+    if retried_ancestor(run, task, time, known) is not None:
         return Fate.RETRIED
     return _fate_of_killed(run, task, time, known)
 

@@ -55,7 +55,7 @@ def no_garbage() -> Iterator[None]:
 
 
 class History(RecordFold):
-    """The history of a run until ``time``; only ``apply`` and ``go_on`` change it."""
+    """The history of a run until ``time``; only ``apply`` and ``extend_to`` change it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class History(RecordFold):
                 gc.freeze()  # a search of so large a history for garbage takes seconds
         return history
 
-    def go_on(self, present: float | None, time: float | None = None) -> None:
+    def extend_to(self, present: float | None, time: float | None = None) -> None:
         """Extend a live run to the present, since nothing has happened after its last entry.
 
         Args:

@@ -369,7 +369,7 @@ class Log:
         folder = self._folder
         return [] if folder is None else [*folder.others, *(folder.missing if of_missing else ())]
 
-    def tell(self, *, of_missing: bool = True) -> None:
+    def print_remarks(self, *, of_missing: bool = True) -> None:
         """Print the remarks on the folder to standard error, each only once.
 
         Args:

@@ -85,7 +85,9 @@ def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
         .at(9.0)
         .fold()
     )
-    assert [locked_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [
+    assert [
+        locked_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")
+    ] == [
         0.0,
         3.0,
     ]

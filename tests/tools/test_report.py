@@ -305,9 +305,7 @@ def test_wrong_usage(tmp_path: Path) -> None:
     run = stepping().write(tmp_path / "run")
     assert "must end in .html" in tca_report(run, "-o", tmp_path / "run.pdf").output
     assert "can't be written" in tca_report(run, "-o", tmp_path / "nowhere" / "run.html").output
-    assert (
-        "no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
-    )
+    assert "no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
 
 
 def test_without_jinja_one_line_says_what_to_install(
